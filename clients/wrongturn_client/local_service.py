@@ -19,6 +19,7 @@ READY: Final = "Wrongturn is ready at "
 """Begin of the line in which ``wrongturn serve`` prints its URL."""
 ENDS_WITH_PARENT: Final = "WRONGTURN_ENDS_WITH_PARENT"
 """Environment variable that tells ``wrongturn serve`` to stop at the end of its stdin, a pipe from its parent."""
+_COMPILING: Final = "wrongturn: compiling"
 _TAIL: Final = 15
 """Number of lines of the service's stderr in an error."""
 FOR_ONE_COMMAND: Final = {
@@ -192,6 +193,8 @@ class LocalService:
         try:
             for line in stream:
                 self._tail.append(line.rstrip())
+                if line.startswith(_COMPILING):  # otherwise nothing would say why the first start takes minutes
+                    sys.stderr.write(line)
                 if log is not None:
                     log.write(line)
                     log.flush()

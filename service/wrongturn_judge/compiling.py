@@ -4,13 +4,21 @@ Numba's cache only notices changes to a function's own file. After a change to a
 would run on. So the cached name of a function carries a checksum of the files that it depends on.
 """
 
+import contextlib
 import hashlib
+import os
+import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar, cast
+from typing import Any, Final, TypeVar, cast
 
 from numba import njit
+from numba.core import event
+from typing_extensions import override
+
+from wrongturn_judge.home import CACHE_VARIABLE
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -41,3 +49,38 @@ def uncounted(function: _Function) -> _Function:
     """
     options: Any = {"_nrt": False}
     return cast(_Function, njit(**options)(function))
+
+
+class _Announcer(event.Listener):
+    """Says once on stderr that kernels are compiled: otherwise the first start would be silent for minutes."""
+
+    @override
+    def on_start(self, event: Any) -> None:
+        if event.data["dispatcher"].py_func.__module__.startswith("wrongturn") and _first():
+            print(
+                "wrongturn: compiling the simulation for this machine, once; that takes one to three minutes",
+                file=sys.stderr,
+                flush=True,
+            )
+
+    @override
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+_HOUR_S: Final = 3600.0
+
+
+def _first() -> bool:
+    """Return whether no process has said so within the last hour, by a file beside the kernels."""
+    said = Path(os.environ[CACHE_VARIABLE]) / "compiling"
+    with contextlib.suppress(OSError):
+        if said.exists() and time.time() - said.stat().st_mtime < _HOUR_S:
+            return False
+        said.parent.mkdir(parents=True, exist_ok=True)
+        said.touch()
+        return True
+    return False
+
+
+event.register("numba:compile", _Announcer())  # type: ignore[no-untyped-call]

@@ -31,3 +31,20 @@ def test_a_change_of_what_is_called_is_noticed(tmp_path):
         found.append(done.stdout.strip())
     assert found == ["2", "2", "6"]
     assert len(list((tmp_path / "cache").rglob("*twice*.nbi"))) == 2
+
+
+def test_the_first_compilation_of_a_machine_is_announced_once(tmp_path):
+    code = "from wrongturn_sim.ego import advance; advance(*[0.0] * 8, 0.05)"
+    said = []
+    for _ in range(2):
+        for file in tmp_path.rglob("*.nb?"):
+            file.unlink()
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        said.append(done.stderr.count("wrongturn: compiling"))
+    assert said == [1, 0]
