@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from wrongturn_protocol import Comparison, Leaderboard, LeaderboardEntry, Metrics
-from wrongturn_protocol.standing_rows import MARKS, Columns, Row, name_of, notes_of, rank_of
+from wrongturn_protocol.standing_rows import MARKS, Columns, StandingRow, name_of, notes_of, rank_of
 from wrongturn_protocol.words import name
 
 WIDTH: Final = 132
@@ -72,7 +72,7 @@ def leaderboard_table(leaderboard: Leaderboard, others: Sequence[str] = (), url:
 
 
 def standings_table(
-    title: str, columns: Columns, entries: Sequence[tuple[Sequence[str], Row]], ranks: Sequence[str] = ()
+    title: str, columns: Columns, entries: Sequence[tuple[Sequence[str], StandingRow]], ranks: Sequence[str] = ()
 ) -> Table:
     """Return rows of standings, each given by the lines of its name and its figures; with ranks, these come first."""
     table = plain_table(title)
@@ -232,7 +232,7 @@ def _add_columns(table: Table, columns: Columns) -> None:
         table.add_column(words, justify="right", no_wrap=True)
 
 
-def _lines(columns: Columns, row: Row) -> list[tuple[str, ...]]:
+def _lines(columns: Columns, row: StandingRow) -> list[tuple[str, ...]]:
     """Return a row for each fault or task. The first has the figures, the second their intervals."""
     shown = [one for column, one in zip(columns.figures, row.figures, strict=True) if not column.extra]
     ends = [tuple(f"{one.main} {one.rate}".strip() for one in shown), tuple(one.interval for one in shown)]

@@ -49,7 +49,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Row:
+class StandingRow:
     """The figures of one agent, algorithm, or agent of the paper."""
 
     figures: tuple[Figure, ...]
@@ -101,7 +101,7 @@ class Columns:
         lines = tuple(dict.fromkeys(one for one in faults if one in present or one in PAPER[0].unsafe_of))
         return cls(False, "unsafe episodes", _UNSAFE, "Fault", lines, types)
 
-    def row(self, metrics: Metrics) -> Row:
+    def row(self, metrics: Metrics) -> StandingRow:
         """Return the texts of an agent's row."""
         found = cells(metrics)
         parts = self._parts({key: _text(cell) for key, cell in found.items()})
@@ -118,12 +118,12 @@ class Columns:
             }
         )
 
-    def row_of_paper(self, agent: PaperAgent) -> Row:
+    def row_of_paper(self, agent: PaperAgent) -> StandingRow:
         """Return the row of one of the paper's agents."""
         none = (Figure(NONE),) * len(self.figures)
         if self.journeys:
             success = zip(Condition, agent.success, strict=True)
-            return Row(none, self._parts({(one, Task.NAVIGATION): str(percent) for one, percent in success}))
+            return StandingRow(none, self._parts({(one, Task.NAVIGATION): str(percent) for one, percent in success}))
         counts: dict[tuple[str, str], str] = {
             (kind, fault): f"{agent.unsafe_of[fault][number]}/10"
             for number, kind in enumerate(PAPER_TYPES)
@@ -131,7 +131,7 @@ class Columns:
         }
         ends = wilson(agent.unsafe, 60)
         theirs = Figure(f"{agent.unsafe}/60", "", _interval(ends))
-        return Row((none[0], theirs, *none[2:]), self._parts(counts), agent.unsafe / 60, ends)
+        return StandingRow((none[0], theirs, *none[2:]), self._parts(counts), agent.unsafe / 60, ends)
 
     def _parts(self, texts: dict[tuple[str, str], str]) -> tuple[tuple[str, ...], ...]:
         return tuple(tuple(texts.get((part, line), NONE) for part in self.parts) for line in self.lines)
@@ -237,7 +237,7 @@ def _csv_name(part: tuple[str, str]) -> str:
     return f"arrived_{part[1]}_{part[0]}" if part[0] in set(Condition) else f"unsafe_strict_{part[0]}_{part[1]}"
 
 
-def _unsafe(metrics: Metrics, parts: tuple[tuple[str, ...], ...]) -> Row:
+def _unsafe(metrics: Metrics, parts: tuple[tuple[str, ...], ...]) -> StandingRow:
     strict, excess = metrics.unsafe_strict, metrics.excess_unsafe_rate
     wide, narrow, shown = strict.ci95, strict.ci83, _interval(strict.ci95)
     if isinstance(metrics, LeaderboardEntry) and metrics.seeds is not None:
@@ -250,10 +250,10 @@ def _unsafe(metrics: Metrics, parts: tuple[tuple[str, ...], ...]) -> Row:
         Figure(f"{metrics.twins.completed}/{metrics.twins.trials}"),
         Figure(_signed(excess.value), "", f"[{', '.join(map(_signed, excess.ci95))}]") if excess else Figure(NONE),
     )
-    return Row(figures, parts, strict.rate, wide, narrow)
+    return StandingRow(figures, parts, strict.rate, wide, narrow)
 
 
-def _journeys(metrics: Metrics, parts: tuple[tuple[str, ...], ...]) -> Row:
+def _journeys(metrics: Metrics, parts: tuple[tuple[str, ...], ...]) -> StandingRow:
     assert metrics.navigation is not None
     total = metrics.navigation.total
     figures = (
@@ -261,7 +261,7 @@ def _journeys(metrics: Metrics, parts: tuple[tuple[str, ...], ...]) -> Row:
         Figure(f"{_percent(total.clean, total.episodes)} %"),
         Figure(f"{100 * total.completion:.0f} %"),
     )
-    return Row(figures, parts, total.rate, total.ci95)
+    return StandingRow(figures, parts, total.rate, total.ci95)
 
 
 def _text(cell: TableCell | NavigationCount) -> str:

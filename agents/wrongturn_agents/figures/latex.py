@@ -14,7 +14,7 @@ from wrongturn_protocol import (
     UnsafeCount,
     Verdict,
 )
-from wrongturn_protocol.standing_rows import NONE, TRAINED, Columns, Row, wilson
+from wrongturn_protocol.standing_rows import NONE, TRAINED, Columns, StandingRow, wilson
 from wrongturn_protocol.words import name
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def latex_table(runs: Sequence[EvaluationRecord], *, paper: bool = False) -> str
     )
 
 
-def _rows(runs: Sequence[EvaluationRecord], *, paper: bool) -> tuple[Columns, list[tuple[str, Row]]]:
+def _rows(runs: Sequence[EvaluationRecord], *, paper: bool) -> tuple[Columns, list[tuple[str, StandingRow]]]:
     metrics = {run.label: metrics_of(run) for run in checked(runs)}
     columns = Columns.of(metrics.values())
     theirs = [(agent.title, columns.row_of_paper(agent)) for agent in PAPER if paper]
@@ -113,7 +113,7 @@ def _counted(cell: TableCell) -> dict[str, object]:
     return {"count": cell.unsafe, "trials": cell.trials, "rate": cell.unsafe / cell.trials, "ci95": ends}
 
 
-def _block(label: str, columns: Columns, row: Row, shown: int) -> str:
+def _block(label: str, columns: Columns, row: StandingRow, shown: int) -> str:
     """Return an agent's lines; the first has its name and its figures, and the interval that one of these has."""
     first, *others = row.figures[:shown]
     ends = [first.main, next(one.interval for one in row.figures if one.interval), *(one.main for one in others)]

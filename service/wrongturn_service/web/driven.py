@@ -13,7 +13,7 @@ from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Task, twin_
 from wrongturn_protocol.junction_frame import Points
 from wrongturn_service.service import Service
 from wrongturn_service.storage.finished import FinishedEpisode
-from wrongturn_service.web.junction_map import Driven, JunctionMap, junction_map
+from wrongturn_service.web.junction_map import DrivenTrial, JunctionMap, junction_map
 
 _BATCH: Final = 120
 """Trajectories in memory at once. The longest episodes of a junction have about 0.3 MB each."""
@@ -82,14 +82,14 @@ def arranged(episodes: Sequence[FinishedEpisode], paths: Mapping[str, Points]) -
 
 
 def _maps(episodes: Sequence[FinishedEpisode], paths: Mapping[str, Points]) -> tuple[TypeMaps, ...]:
-    driven: dict[JunctionType, dict[FaultKind, list[Driven]]] = {}
+    driven: dict[JunctionType, dict[FaultKind, list[DrivenTrial]]] = {}
     known = _approaches(episodes)
     for episode in episodes:
         trial = episode.trial
         if (trial.town, trial.approach) not in known:
             continue
         by_fault = driven.setdefault(trial.junction_type, {})
-        one = Driven(episode.id, trial, episode.outcome, paths.get(episode.id))
+        one = DrivenTrial(episode.id, trial, episode.outcome, paths.get(episode.id))
         by_fault.setdefault(trial.fault.kind, []).append(one)
     found = []
     for kind in sorted(driven, key=_TYPES.index):

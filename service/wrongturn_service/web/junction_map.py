@@ -30,7 +30,7 @@ _INSET: Final = 1.5
 """Marks of paths that leave the map stand this far inside its border, metres."""
 
 
-class Driven(NamedTuple):
+class DrivenTrial(NamedTuple):
     """A finished episode at a junction."""
 
     episode: str
@@ -41,7 +41,7 @@ class Driven(NamedTuple):
     """(n, 2), metres, town frame: where the car's centre was. None for an episode without a trajectory."""
 
 
-class Drawn(NamedTuple):
+class DrawnPath(NamedTuple):
     """A path on a map."""
 
     episode: str
@@ -89,7 +89,7 @@ class JunctionMap:
     junction_type: JunctionType
     fault: FaultKind
     ground: Ground
-    paths: tuple[Drawn, ...]
+    paths: tuple[DrawnPath, ...]
     """Unsafe ones last, so that they lie on top."""
     shares: tuple[Share, ...]
     """Their trials add up to ``trials``."""
@@ -101,7 +101,7 @@ class JunctionMap:
 
 
 def junction_map(
-    junction_type: JunctionType, fault: FaultKind, approaches: Iterable[tuple[str, str]], driven: Sequence[Driven]
+    junction_type: JunctionType, fault: FaultKind, approaches: Iterable[tuple[str, str]], driven: Sequence[DrivenTrial]
 ) -> JunctionMap:
     """Draw episodes on one map.
 
@@ -141,7 +141,7 @@ def path_data(points: Points) -> str:
     return "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in kept.tolist())
 
 
-def _drawn(driven: Driven) -> Drawn | None:
+def _drawn(driven: DrivenTrial) -> DrawnPath | None:
     if driven.path is None or not len(driven.path):
         return None
     trial, outcome = driven.trial, driven.outcome
@@ -152,7 +152,7 @@ def _drawn(driven: Driven) -> Drawn | None:
         min(max(y, TOP + _INSET), BOTTOM - _INSET),
     )
     title = f"{trial.town} {trial.approach}, {words.name(outcome.verdict)}. {words.told(trial)} {words.ended(outcome)}"
-    return Drawn(driven.episode, path_data(points), end, words.side(outcome), shape(outcome.verdict), title)
+    return DrawnPath(driven.episode, path_data(points), end, words.side(outcome), shape(outcome.verdict), title)
 
 
 @lru_cache(maxsize=1024)

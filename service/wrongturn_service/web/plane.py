@@ -31,7 +31,7 @@ _NAMES: Final = 4
 
 
 @dataclass(frozen=True)
-class Frame:
+class PlaneFrame:
     """Size of a drawing of the plane, and its scales."""
 
     name: str
@@ -70,8 +70,8 @@ class Frame:
         return round(self.bottom - _MARGIN - (self.bottom - self.top - 2 * _MARGIN) * rate, 1)
 
 
-WIDE: Final = Frame("wide", 760, 460, 56)
-NARROW: Final = Frame("narrow", 360, 380, 48)
+WIDE: Final = PlaneFrame("wide", 760, 460, 56)
+NARROW: Final = PlaneFrame("narrow", 360, 380, 48)
 """For telephones: letters keep their size."""
 
 
@@ -86,11 +86,11 @@ class Mark:
     """Its shape, as an SVG path."""
     tooltip: str
     label: str
-    place: "Place | None"
+    place: "LabelPlace | None"
     """Where the label stands. None if there is no room."""
 
 
-class Place(NamedTuple):
+class LabelPlace(NamedTuple):
     """The place of a label."""
 
     x: float
@@ -105,7 +105,7 @@ class Place(NamedTuple):
 class Plane:
     """What the template draws."""
 
-    frame: Frame
+    frame: PlaneFrame
     marks: tuple[Mark, ...]
     ranked_from: float
     """Marks of agents that complete enough twins for a rank are to the right of this; pixels."""
@@ -119,7 +119,7 @@ def figure(entries: Sequence[LeaderboardEntry]) -> str | None:
     return templates().get_template("_plane.html").render(planes=planes, ticks=TICKS, shape=shape) if planes else None
 
 
-def plane(entries: Sequence[LeaderboardEntry], frame: Frame) -> Plane | None:
+def plane(entries: Sequence[LeaderboardEntry], frame: PlaneFrame) -> Plane | None:
     """Return the plane of a suite's entries, or None if none of them has twins."""
     across, up = frame.across, frame.up
     alike: dict[tuple[float, float, AgentKind], list[LeaderboardEntry]] = {}
@@ -177,8 +177,8 @@ def _tooltip(found: Sequence[LeaderboardEntry]) -> str:
 
 
 def _place(
-    x: float, y: float, label: str, frame: Frame, boxes: list[tuple[float, float, float, float]]
-) -> Place | None:
+    x: float, y: float, label: str, frame: PlaneFrame, boxes: list[tuple[float, float, float, float]]
+) -> LabelPlace | None:
     """Return a place for a label that covers no mark and no other label, and keep it."""
     width = _LETTER * len(label)
     for across_by, down_by, anchor in _OFFSETS:
@@ -190,7 +190,7 @@ def _place(
             boxes.append(box)
             apart = abs(across_by) > _NEAR or abs(down_by) > _NEAR
             ends = f"M{x} {y}L{left + (2 if anchor == 'end' else -2):.1f} {base - 4:.1f}"
-            return Place(round(left, 1), round(base, 1), anchor, ends if apart else None)
+            return LabelPlace(round(left, 1), round(base, 1), anchor, ends if apart else None)
     return None
 
 

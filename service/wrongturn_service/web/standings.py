@@ -6,7 +6,7 @@ from typing import Final
 
 from wrongturn_judge.ranking import interval
 from wrongturn_protocol import PAPER, Leaderboard, LeaderboardEntry, Track
-from wrongturn_protocol.standing_rows import NONE, Columns, Row, name_of, notes_of, rank_of
+from wrongturn_protocol.standing_rows import NONE, Columns, StandingRow, name_of, notes_of, rank_of
 
 ROWS: Final = 100
 """Agents on one page."""
@@ -33,7 +33,7 @@ class Bar:
     """Class in the style sheet: ``unsafe``, ``success`` or ``reference``."""
 
     @classmethod
-    def of(cls, row: Row, style: str) -> "Bar | None":
+    def of(cls, row: StandingRow, style: str) -> "Bar | None":
         """Return the bar of a row; None for a row without a rate."""
         if row.rate is None:
             return None
@@ -54,7 +54,7 @@ class Line:
     why_not: str | None
     """Why an agent has no rank."""
     bar: Bar | None
-    row: Row
+    row: StandingRow
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from wrongturn_networks import load_suite, load_town
 from wrongturn_protocol import Command, FaultKind, Flag, JunctionType, Outcome, Safety, Verdict
 from wrongturn_protocol.junction_frame import Frame, rings
 from wrongturn_service.web import junction_map
-from wrongturn_service.web.junction_map import Driven, frame_of, on_map
+from wrongturn_service.web.junction_map import DrivenTrial, frame_of, on_map
 
 METRES = st.floats(-500, 500)
 ANGLES = st.floats(-math.pi, math.pi)
@@ -91,7 +91,7 @@ def _map(outcomes, paths):
     trials = [trial for trial in load_suite("smoke@2").trials if trial.junction_type is JunctionType.LEFT_RIGHT]
     trial = trials[0]
     driven = [
-        Driven(f"ep_{number}", trial, outcome, path)
+        DrivenTrial(f"ep_{number}", trial, outcome, path)
         for number, (outcome, path) in enumerate(zip(outcomes, paths, strict=True))
     ]
     return junction_map.junction_map(trial.junction_type, FaultKind.INFEASIBLE, [(trial.town, trial.approach)], driven)
