@@ -126,8 +126,9 @@ class PluginGroup(TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command by its name; None if there is none."""
-        own, point = super().get_command(ctx, cmd_name), entry_points(COMMANDS).get(cmd_name)
-        if own is not None or point is None:
+        own = super().get_command(ctx, cmd_name)
+        point = None if own is not None else entry_points(COMMANDS).get(cmd_name)
+        if point is None:
             return own
         command = LazyCommand(cmd_name, help=summary(point) or f"See 'wrongturn {cmd_name} --help'.")
         command.entry_point = point
