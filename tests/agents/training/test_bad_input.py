@@ -71,7 +71,6 @@ def run(tmp_path):
         (["--num-envs", "100000000"], "num_envs"),
         (["--device", "tpu"], "device"),
         (["--teacher", "privileged.pt"], "teacher"),
-        (["--option", "colour=3"], "colour"),
         (["--option", "kl_stop=nan"], "kl_stop"),
         (["--option", "learning_rate=inf"], "learning_rate"),
         (["--option", "n_steps=" + "9" * 30], "n_steps"),
@@ -79,9 +78,7 @@ def run(tmp_path):
         (["--option", "batch_size=1"], "batch_size"),
         (["--option", "batch_size=16383"], "batch_size"),
         (["--option", "activation=sinus"], "activation"),
-        (["--option", "near_bends=0.9"], "near_bends"),
         (["--option", "window_nearest=0"], "window_nearest"),
-        (["--option", "window_nearest=20.5"], "window_nearest"),
         (["--option", "window_farthest=61"], "window_farthest"),
     ],
 )

@@ -6,7 +6,6 @@ import torch
 from small_run import SMALL
 
 from wrongturn_agents.training.checkpoint import load_checkpoint, read
-from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.method import load
 from wrongturn_agents.training.methods.ppo.ppo import WrongturnPPO
 from wrongturn_agents.training.progress_file import read_rows
@@ -92,20 +91,6 @@ def test_it_begins_where_it_was_interrupted(run, tmp_path, monkeypatch):
     assert all(torch.equal(tensor, state["policy"][name]) for name, tensor in seen["policy"].items())
     assert torch.equal(seen["random"], state["torch"])
     assert (seen["steps"], seen["remaining"]) == (24, 0.5)
-
-
-def test_what_cannot_be_is_refused(run, tmp_path):
-    with pytest.raises(TrainingError, match="resume it"):
-        train("ppo-segmentation", directory=run[0], steps=1)
-    with pytest.raises(TrainingError, match="no run to resume"):
-        train("ppo-segmentation", directory=tmp_path, resume=True)
-    with pytest.raises(TrainingError, match="device"):
-        train("ppo-segmentation", directory=tmp_path / "a", steps=1, device="tpu")
-    with pytest.raises(TrainingError, match="no such file"):
-        load_checkpoint(tmp_path / "best.pt")
-    torch.save({"a": 1}, tmp_path / "other.pt")
-    with pytest.raises(TrainingError, match=r"best\.pt"):
-        load_checkpoint(tmp_path / "other.pt")
 
 
 @pytest.mark.slow
