@@ -1,1 +1,0 @@
-"""Old places of entry points."""
