@@ -20,9 +20,11 @@ from rich.table import Table
 
 from wrongturn_agents.baselines import Careful
 from wrongturn_client import Client, LocalService
+from wrongturn_client.http_drive import HttpDrive
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import observation_space
+from wrongturn_protocol.wire import Call
 from wrongturn_sim import Episode
 
 
@@ -53,6 +55,27 @@ class Stopwatch:
         }
 
 
+class TimedCalls(HttpDrive):
+    """Drives over HTTP, and times steps and resets apart."""
+
+    def __init__(self, client: Client, parallel: int, steps: Stopwatch, resets: Stopwatch) -> None:
+        super().__init__(client._http, parallel)
+        self._watches = {Call.STEP.value: steps, Call.NEXT.value: resets}
+        self._begun: dict[int, tuple[Stopwatch, float]] = {}
+
+    def submit(self, calls: Any) -> int:
+        began = time.perf_counter()
+        number = super().submit(calls)
+        self._begun[number] = self._watches[calls[0][0]], began
+        return number
+
+    def receive(self) -> Any:
+        answered = super().receive()
+        watch, began = self._begun.pop(answered[0])
+        watch.times.append(time.perf_counter() - began)
+        return answered
+
+
 def over_http(url: str, suite: str) -> dict[str, Any]:
     acting, stepping, resetting = Stopwatch(), Stopwatch(), Stopwatch()
     agent = Careful()
@@ -60,8 +83,7 @@ def over_http(url: str, suite: str) -> dict[str, Any]:
     with Client(url) as client:
         registered = client.register(f"careful benchmark {time.time_ns() // 1000}", Track.PRIVILEGED)
     with Client(url, registered.token) as client:
-        client.step = stepping.on(client.step)  # type: ignore[method-assign]
-        client.next_episode = resetting.on(client.next_episode)  # type: ignore[method-assign]
+        client.connection = lambda parallel: TimedCalls(client, parallel, stepping, resetting)  # type: ignore[method-assign]
         begin = time.perf_counter()
         evaluation = client.evaluate(agent, suite)
         wall = time.perf_counter() - begin

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+from drive_socket import DriveSocket
 from service_harness import COAST, GAS, Agent, RunningService, expect, figure, problem
 
 WIGGLE = [{"steer": (-1) ** n * 0.3, "throttle": 0.5, "brake": 0.0} for n in range(12)]
@@ -64,6 +65,21 @@ def test_a_simulator_that_is_killed_in_the_middle_of_an_episode(frail: RunningSe
         assert trajectories[0] == trajectories[1]
     # A machine that stands still for seconds makes a third seem to hang.
     assert all(figure(frail, name) >= number + 2 for name, number in zip(counted, before, strict=True))
+
+
+def test_a_simulator_that_is_killed_under_a_socket(frail: RunningService) -> None:
+    """The connection stays: the client only waits for the replay."""
+    with frail.agent() as agent, DriveSocket(frail, agent.token) as drive:
+        replies = []
+        for kill in (False, True):
+            episode = drive.one("practise", {"town": "Town01", "approach": "J3-S", "seed": 3}, None)[1]["id"]
+            for seq in range(1, 6):
+                if kill and seq == 3:
+                    (pid,) = frail.simulators()
+                    os.kill(pid, signal.SIGKILL)
+                replies.append(drive.one("step", episode, seq, 0.1, 0.5, 0.0))
+            drive.one("abort", episode)
+        assert replies[:5] == replies[5:]
 
 
 def test_a_simulator_that_hangs(frail: RunningService) -> None:
