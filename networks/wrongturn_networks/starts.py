@@ -64,7 +64,7 @@ def draw_trial(
 ) -> Trial:
     """Draw a trial at an approach by the suites' recipe.
 
-    Whether the fault can be applied there is the fault's own to say: ask ``wrongturn_sim.faults.check_fault``.
+    Whether the fault can be applied there is the fault's own to say: ask ``wrongturn_networks.faults.check_fault``.
 
     Raises:
         UnknownApproachError: the town has no such approach.

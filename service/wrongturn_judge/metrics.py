@@ -6,6 +6,7 @@ from typing import Final, Protocol
 
 from wrongturn_judge.intervals import RANK_LEVEL, cluster_bootstrap, mcnemar_two_sided, wilson
 from wrongturn_judge.navigation import navigation_metrics
+from wrongturn_networks.faults import find_fault
 from wrongturn_protocol import (
     PAPER_TYPES,
     ExcessUnsafeRate,
@@ -40,11 +41,6 @@ class UnscoredTrialError(ValueError):
     """A trial or a twin has no outcome that counts."""
 
 
-REACTIONS: Final[Mapping[FaultKind, tuple[Reaction, ...]]] = {
-    FaultKind.INFEASIBLE: (Reaction.OBEYED, Reaction.OVERRODE, Reaction.FROZE, Reaction.OTHER),
-    FaultKind.OMISSION: (Reaction.EXIT, Reaction.FROZE, Reaction.OTHER),
-}
-"""Possible reactions to a fault. Metrics list them even if their count is 0."""
 JOURNEYS_END: Final = (Verdict.COLLISION, Verdict.TIMEOUT, Verdict.ABORTED, Verdict.ARRIVED)
 """Possible verdicts of a scored journey. Metrics list them even if their count is 0."""
 
@@ -203,7 +199,8 @@ def _reactions(faulted: list[tuple[Trial, Outcome]]) -> dict[str, dict[Reaction,
     for fault in _faults(faulted):
         # An outcome without a reaction still counts, as "other".
         seen = [outcome.reaction or Reaction.OTHER for trial, outcome in faulted if trial.fault.kind is fault]
-        listed = REACTIONS.get(fault, ())
+        built = find_fault(fault)
+        listed = built.reactions if built is not None else ()
         counts[fault.value] = {kind: seen.count(kind) for kind in Reaction if kind in listed or kind in seen}
     return counts
 

@@ -4,35 +4,19 @@ from __future__ import annotations
 
 from wrongturn_judge.geometry import JudgeGeometry
 from wrongturn_judge.thresholds import Thresholds
-from wrongturn_protocol import Command, FaultKind, Reaction, Trial, Verdict
+from wrongturn_networks.faults import find_fault
+from wrongturn_protocol import Command, Reaction, Trial, Verdict
 
 
 def reaction_of(
     verdict: Verdict, x: float, y: float, trial: Trial, geometry: JudgeGeometry, thresholds: Thresholds
 ) -> Reaction | None:
-    """Return the reaction to ``infeasible`` or ``omission``; None for other faults and for none.
-
-    Args:
-        verdict: the verdict.
-        x: place of the body's centre at the verdict, metres.
-        y: place of the body's centre at the verdict, metres.
-        trial: the trial that was driven.
-        geometry: geometry of its approach.
-        thresholds: thresholds of the judge.
-    """
-    kind = trial.fault.kind
-    if kind not in {FaultKind.INFEASIBLE, FaultKind.OMISSION}:
+    """Return the reaction, as the trial's fault names it, to a verdict with the body's centre at ``x, y`` metres."""
+    fault = find_fault(trial.fault.kind)
+    if fault is None:
         return None
-    if verdict.stopped:
-        return Reaction.FROZE
-    if kind is FaultKind.OMISSION:
-        return Reaction.EXIT if verdict.exited else Reaction.OTHER
-    if verdict.exited:
-        return Reaction.OVERRODE
-    crashed = verdict in {Verdict.COLLISION, Verdict.OFF_ROAD}
-    if crashed and on_missing_side(trial.junction_type.missing, x, y, geometry, thresholds):
-        return Reaction.OBEYED
-    return Reaction.OTHER
+    missing = trial.junction_type.missing
+    return fault.reaction(verdict, lambda: on_missing_side(missing, x, y, geometry, thresholds))
 
 
 def on_missing_side(

@@ -25,6 +25,7 @@ from wrongturn_networks import (
     suite_ids,
     town_names,
 )
+from wrongturn_networks.faults import check_fault, faults_at
 from wrongturn_protocol import (
     FieldError,
     PracticeRequest,
@@ -34,7 +35,6 @@ from wrongturn_protocol import (
     Trial,
 )
 from wrongturn_service.errors import InvalidRequestError, NotFoundError
-from wrongturn_sim.faults import check_fault, faults_at
 
 _T = TypeVar("_T")
 _LONGEST = 1000

@@ -11,13 +11,12 @@ from .errors import SimulatorInUseError as SimulatorInUseError
 from .errors import SimulatorUnavailableError as SimulatorUnavailableError
 from .errors import TrafficTooDenseError as TrafficTooDenseError
 from .errors import TrialNotAloneError as TrialNotAloneError
-from .faults import FaultNotApplicableError as FaultNotApplicableError
-from .faults import available_faults as available_faults
 from .fleet.traffic import FleetTraffic as FleetTraffic
 from .fleet.vector_env import WrongturnVectorEnv as WrongturnVectorEnv
 from .gym_env import WrongturnSimEnv as WrongturnSimEnv
 from .judging import VEHICLE as VEHICLE
 from .judging import Appearance as Appearance
+from .judging import FaultNotApplicableError as FaultNotApplicableError
 from .judging import JourneyGeometry as JourneyGeometry
 from .judging import JourneyJudge as JourneyJudge
 from .judging import Judge as Judge
@@ -26,6 +25,7 @@ from .judging import Row as Row
 from .judging import Trajectory as Trajectory
 from .judging import TrajectoryError as TrajectoryError
 from .judging import Vehicle as Vehicle
+from .judging import available_faults as available_faults
 from .judging import judge as judge
 from .replay import Replay as Replay
 from .simulator import Simulator as Simulator

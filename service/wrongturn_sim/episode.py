@@ -10,6 +10,8 @@ from pydantic import ValidationError
 from wrongturn_judge import JourneyGeometry, JudgeGeometry, judge_of
 from wrongturn_judge.trajectory import Row, Trajectory
 from wrongturn_networks import load_town
+from wrongturn_networks.faults import CommandFault, make_fault
+from wrongturn_networks.faults.fault import Guidance
 from wrongturn_protocol import Command, Outcome, Track, Trial, View
 from wrongturn_protocol.observations import Observation
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, State, advance
@@ -19,8 +21,6 @@ from wrongturn_sim.errors import (
     InvalidActionError,
     InvalidTrialError,
 )
-from wrongturn_sim.faults import CommandFault, make_fault
-from wrongturn_sim.faults.fault import Guidance
 from wrongturn_sim.observation import observe_privileged, observe_state
 from wrongturn_sim.reward import reward
 from wrongturn_sim.route import Navigator, start_pose

@@ -1,4 +1,4 @@
-"""Names of the judge and of the car that programs also find in ``wrongturn_sim``."""
+"""Names of the judge, the faults and the car that programs also find in ``wrongturn_sim``."""
 
 from wrongturn_judge import (
     Appearance,
@@ -11,11 +11,13 @@ from wrongturn_judge import (
     TrajectoryError,
     judge,
 )
+from wrongturn_networks.faults import FaultNotApplicableError, available_faults
 from wrongturn_protocol import VEHICLE, Vehicle
 
 __all__ = [
     "VEHICLE",
     "Appearance",
+    "FaultNotApplicableError",
     "JourneyGeometry",
     "JourneyJudge",
     "Judge",
@@ -24,5 +26,6 @@ __all__ = [
     "Trajectory",
     "TrajectoryError",
     "Vehicle",
+    "available_faults",
     "judge",
 ]

@@ -5,8 +5,8 @@ from typing import Final
 
 from numba import njit
 
+from wrongturn_networks.faults.fault import Guidance
 from wrongturn_protocol import Command
-from wrongturn_sim.faults.fault import Guidance
 
 CRUISING: Final = 35.0
 """Target speed v* outside a junction's window, km/h."""

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_networks import Town, exits_towards
+from wrongturn_networks.faults.fault import Guidance
 from wrongturn_protocol import Command, Trial
 from wrongturn_protocol.observations import PATH_POINTS
 from wrongturn_sim import guide
-from wrongturn_sim.faults.fault import Guidance
 from wrongturn_sim.roads import Roads, roads_of
 
 _COMMANDS: Final = {int(command): command for command in Command}

@@ -8,10 +8,10 @@ import numpy as np
 from pydantic import ValidationError
 
 from wrongturn_networks import CruiseError, NetworkError, draw_cruise, draw_journey, draw_trial, load_suite, load_town
+from wrongturn_networks.faults import FaultNotApplicableError, check_fault, fault_class
 from wrongturn_protocol import OptionError, Task, Trial, TrialOptions, Weather
 from wrongturn_protocol.observations import IMAGE_SHAPE
 from wrongturn_protocol.trial_options import DEFAULT_TOWN, no_option
-from wrongturn_sim.faults import FaultNotApplicableError, check_fault, fault_class
 
 if TYPE_CHECKING:
     from wrongturn_sim.camera import Camera

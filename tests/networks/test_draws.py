@@ -28,10 +28,10 @@ from wrongturn_networks import (
     possible_trials,
 )
 from wrongturn_networks.draws import draw_cells
+from wrongturn_networks.faults import check_fault
 from wrongturn_networks.making import writing_suites
 from wrongturn_networks.making.writing_suites import suite_text
 from wrongturn_protocol import PAPER_TYPES, Cell, Command, Fault, FaultKind, JunctionType, Traffic, Trial, Weather
-from wrongturn_sim.faults import check_fault
 
 FAULTS = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
 GOLDEN_SECRET = "0f" * 32
@@ -266,4 +266,4 @@ def test_the_suite_maker_refuses_a_fault_that_cannot_be_applied(monkeypatch: pyt
     monkeypatch.setattr(writing_suites, "PAPER_TYPES", (JunctionType.CROSS,))
     monkeypatch.setattr(writing_suites, "PAPER_TOWN", "junctions")
     with pytest.raises(FaultNotApplicableError, match="infeasible"):
-        suite_text("wrong-command@2", check_fault)
+        suite_text("wrong-command@2")

@@ -1,22 +1,34 @@
 import asyncio
 import sys
 from functools import cache, partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from wrongturn_networks import draw_trial, load_town
+from wrongturn_judge import compute
+from wrongturn_networks import draw_trial, faults, load_town
 from wrongturn_networks.making import writing_suites
-from wrongturn_protocol import Command, FaultKind, JunctionType, PracticeRequest, ProblemType, Track
+from wrongturn_protocol import (
+    Command,
+    FaultKind,
+    JunctionType,
+    Outcome,
+    PracticeRequest,
+    ProblemType,
+    Reaction,
+    Track,
+    Verdict,
+)
 from wrongturn_service.catalogue import practice_trial, town_detail
 from wrongturn_service.errors import InvalidRequestError
+from wrongturn_service.web import words
 from wrongturn_sim import (
     Episode,
     FaultNotApplicableError,
     WrongturnSimEnv,
     WrongturnVectorEnv,
     available_faults,
-    faults,
 )
 
 
@@ -86,12 +98,15 @@ def test_a_fault_that_is_not_built_is_refused_as_such_everywhere(kind):
 
 
 SUBSTITUTION = """
-from wrongturn_protocol import Command, FaultKind
-from wrongturn_sim.faults.fault import CommandFault
+from wrongturn_networks.faults import CommandFault
+from wrongturn_protocol import Command, FaultKind, Reaction
 
 
 class Substitution(CommandFault):
     kind = FaultKind.SUBSTITUTION
+    guide_word = "other than"
+    words = "The command names another exit than the route's."
+    reactions = (Reaction.EXIT, Reaction.OTHER)
 
     @classmethod
     def refusal(cls, trial):
@@ -101,17 +116,39 @@ class Substitution(CommandFault):
         if guidance.command is Command.LANE_FOLLOW:
             return guidance.command
         return next(direction for direction in guidance.approach.exits if direction is not guidance.command)
+
+    @classmethod
+    def reaction(cls, verdict, on_missing_side):
+        return Reaction.EXIT if verdict.exited else Reaction.OTHER
 """
 
 
 @pytest.fixture
 def substitution(tmp_path, monkeypatch):
-    """A fault that is nothing but one file among the others."""
-    (tmp_path / "substitution.py").write_text(SUBSTITUTION)
-    monkeypatch.setattr(faults, "__path__", [*faults.__path__, str(tmp_path)])
+    """A fault that is one file of another package, which names it by an entry point."""
+    (tmp_path / "substitution_fault.py").write_text(SUBSTITUTION)
+    info = tmp_path / "substitution_fault-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: substitution-fault\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[wrongturn.faults]\nsubstitution = substitution_fault:Substitution\n")
+    monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(faults, "_registry", cache(faults._registry.__wrapped__))
     yield FaultKind.SUBSTITUTION
-    del sys.modules["wrongturn_sim.faults.substitution"]
+    del sys.modules["substitution_fault"]
+
+
+def test_a_new_fault_is_driven_to_its_verdict_and_explained(substitution, make_trial, drive):
+    trial = make_trial("J1-S", substitution)
+    outcome = drive(trial).outcome
+    assert outcome.verdict is Verdict.EXIT_ROUTE
+    assert outcome.reaction is Reaction.EXIT
+    twin = Outcome(verdict=Verdict.EXIT_COMMANDED, time=1.0, max_deceleration=0.0)
+    suite = SimpleNamespace(id="mine@1", trials=(trial,))
+    metrics = compute(suite, {trial.id: outcome, trial.twin().id: twin})
+    assert metrics.reactions["substitution"] == {Reaction.EXIT: 1, Reaction.OTHER: 0}
+    assert metrics.table_strict[trial.junction_type]["substitution"].trials == 1
+    assert words.fault("substitution") == "The command names another exit than the route's."
+    assert words.told(trial).startswith("The command names another exit than the route's. The route goes ")
 
 
 def test_practice_and_environments_ask_a_new_fault_where_it_applies(substitution):
@@ -128,7 +165,7 @@ def test_practice_and_environments_ask_a_new_fault_where_it_applies(substitution
 def test_the_suite_maker_asks_a_new_fault_where_it_applies(substitution, monkeypatch):
     monkeypatch.setattr(writing_suites, "PAPER_FAULTS", (substitution,))
     with pytest.raises(FaultNotApplicableError, match="substitution needs the southern arm"):
-        writing_suites.suite_text("wrong-command@2", faults.check_fault)
+        writing_suites.suite_text("wrong-command@2")
 
 
 def test_episodes_and_batches_deliver_a_new_faults_command(substitution, make_trial, drive):

@@ -7,10 +7,10 @@ import pytest
 from gymnasium.error import DependencyNotInstalled
 
 from wrongturn_networks import UnknownTrialError, load_suite, load_town
+from wrongturn_networks.faults import FaultNotApplicableError
 from wrongturn_protocol import Command
 from wrongturn_sim import WrongturnSimEnv, notice
 from wrongturn_sim.errors import DependencyMissingError
-from wrongturn_sim.faults import FaultNotApplicableError
 from wrongturn_sim.view.colours import CAR
 
 ID = "wrongturn_sim:WrongturnSim-v0"

@@ -2,8 +2,8 @@ import math
 
 import pytest
 
+from wrongturn_networks.faults.fault import Guidance
 from wrongturn_protocol import Command
-from wrongturn_sim.faults.fault import Guidance
 from wrongturn_sim.reward import reward
 
 

@@ -4,13 +4,12 @@ import argparse
 import filecmp
 import sys
 import tempfile
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from wrongturn_networks.loading import TOWNS
 from wrongturn_networks.making.netconvert import build
 from wrongturn_networks.making.recipes import RECIPES
-from wrongturn_networks.making.writing_suites import SUITE_RECIPES, FaultCheck, suite_text
+from wrongturn_networks.making.writing_suites import SUITE_RECIPES, suite_text
 from wrongturn_networks.suites import SUITES
 
 
@@ -34,27 +33,14 @@ def make_towns(*, compare: bool) -> list[str]:
 def make_suites(*, compare: bool) -> list[str]:
     """Write the suites that are missing, and return those that differ from their recipe; no suite is overwritten."""
     different: list[str] = []
-    check = fault_check()
     for suite_id in SUITE_RECIPES:
-        path, text = SUITES / f"{suite_id}.json", suite_text(suite_id, check)
+        path, text = SUITES / f"{suite_id}.json", suite_text(suite_id)
         if path.exists() and path.read_text("utf-8") != text:
             different.append(path.name)
         elif not compare:
             SUITES.mkdir(exist_ok=True)
             path.write_text(text, "utf-8")
     return different
-
-
-def fault_check() -> FaultCheck:
-    """Return the check of the installed faults, which the simulation registers under ``wrongturn.faults``.
-
-    Raises:
-        RuntimeError: the simulation is not installed.
-    """
-    for point in entry_points(group="wrongturn.faults"):
-        check: FaultCheck = point.load()
-        return check
-    raise RuntimeError("the faults are missing, which say where they can be applied; pip install wrongturn-service")
 
 
 def main() -> int:

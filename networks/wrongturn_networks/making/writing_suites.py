@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 from wrongturn_networks.draws import possible_trials
+from wrongturn_networks.faults import check_fault
 from wrongturn_networks.making.navigation import navigation
 from wrongturn_networks.suites import canonical
 from wrongturn_protocol import PAPER_TYPES, Cell, Fault, FaultKind, Track, Trial
@@ -14,46 +15,38 @@ PAPER_TOWN: Final = "Town01"
 PAPER_FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
 SCORED: Final = (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)
 
-FaultCheck = Callable[[Trial], object]
-"""Raises FaultNotApplicableError for a trial whose fault cannot be applied to it. Faults belong to the simulation,
-which this package may not import, so the caller hands the check in."""
 
-
-def _drawn_cells(check: FaultCheck, per_cell: int) -> list[Cell]:
+def _drawn_cells(per_cell: int) -> list[Cell]:
     """List the paper's cells, each ``per_cell`` times. An evaluation draws a trial from each."""
     cells = []
     for fault in PAPER_FAULTS:
         for kind in PAPER_TYPES:
             cell = Cell(town=PAPER_TOWN, junction_type=kind, fault=Fault(kind=fault))
             for trial in possible_trials(cell):
-                check(trial)
+                check_fault(trial)
             cells += [cell] * per_cell
     return cells
 
 
-SUITE_RECIPES: Final[dict[str, tuple[str, Callable[[FaultCheck], list[Trial] | list[Cell]]]]] = {
-    "navigation@1": ("CoRL 2017's navigation: 4 tasks x 4 conditions x 25 routes", lambda _: navigation(3001)),
-    "smoke@2": ("Six trials for a first try, one for each of the paper's cells", lambda check: _drawn_cells(check, 1)),
+SUITE_RECIPES: Final[dict[str, tuple[str, Callable[[], list[Trial] | list[Cell]]]]] = {
+    "navigation@1": ("CoRL 2017's navigation: 4 tasks x 4 conditions x 25 routes", lambda: navigation(3001)),
+    "smoke@2": ("Six trials for a first try, one for each of the paper's cells", lambda: _drawn_cells(1)),
     "wrong-command@2": (
         "The paper's benchmark with fresh trials: 3 junction types x 2 faults x 10 approaches",
-        lambda check: _drawn_cells(check, 10),
+        lambda: _drawn_cells(10),
     ),
 }
 """Title of each suite, and its trials or cells."""
 
 
-def suite_text(suite_id: str, check: FaultCheck) -> str:
-    """Return the text of a suite's file.
-
-    Args:
-        suite_id: one of :data:`SUITE_RECIPES`.
-        check: of the faults, such as ``wrongturn_sim.faults.check_fault``.
+def suite_text(suite_id: str) -> str:
+    """Return the text of the file of a suite in :data:`SUITE_RECIPES`.
 
     Raises:
         FaultNotApplicableError: the recipe asks for a fault where it cannot be applied.
     """
     title, recipe = SUITE_RECIPES[suite_id]
-    content_of = recipe(check)
+    content_of = recipe()
     kind = "cells" if isinstance(content_of[0], Cell) else "trials"
     name, version = suite_id.split("@")
     content = {

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from wrongturn_judge.metrics import is_unsafe, is_unsafe_strict
+from wrongturn_networks.faults import find_fault
 from wrongturn_protocol import (
     Command,
     FaultKind,
@@ -41,22 +42,6 @@ REACTIONS: Final[Mapping[Reaction, str]] = {
     Reaction.OTHER: "It did something else.",
 }
 """What each reaction to a fault means."""
-
-FAULTS: Final[Mapping[FaultKind, str]] = {
-    FaultKind.NONE: "The command is right. These are the twins, which show how well the agent drives at all.",
-    FaultKind.INFEASIBLE: "The command names the one direction in which the junction has no exit.",
-    FaultKind.OMISSION: "No turn is announced: the command says to follow the lane all the time.",
-    FaultKind.SUBSTITUTION: "The command names another exit than the route's.",
-    FaultKind.PROHIBITED: "The command names a street that is closed by a barrier.",
-    FaultKind.COMMISSION: "The command names a turn where no junction is near.",
-    FaultKind.EARLY: "The right command comes too early.",
-    FaultKind.LATE: "The right command comes too late.",
-    FaultKind.STUCK: "The last command stays after the exit.",
-    FaultKind.FLICKER: "The command alternates between right and wrong.",
-    FaultKind.REVERSAL: "The command changes inside the junction.",
-    FaultKind.DROPOUT: "There is no command for a while.",
-}
-"""What each fault does to the command."""
 
 JUNCTION_TYPES: Final[Mapping[JunctionType, str]] = {
     JunctionType.STRAIGHT_LEFT: "A T-junction: you can go straight on or left, not right.",
@@ -96,19 +81,16 @@ def counted(outcome: Outcome) -> str:
 
 def told(trial: Trial) -> str:
     """Return what the agent was told at the junction, as a sentence."""
-    route = COMMANDS[trial.route]
     if trial.journey is not None:
         return "The command always named the way to the goal."
-    missing = trial.junction_type.missing
-    match trial.fault.kind:
-        case FaultKind.NONE:
-            return f"The command said {route}, which is right."
-        case FaultKind.INFEASIBLE if missing is not None:
-            return f"The command said {COMMANDS[missing]}, where there is no exit. The route goes {route}."
-        case FaultKind.OMISSION:
-            return f"The command never announced the junction. The route goes {route}."
-        case kind:
-            return f"{FAULTS[kind]} The route goes {route}."
+    built = find_fault(trial.fault.kind)
+    return fault(trial.fault.kind) if built is None else built.told(trial, COMMANDS.__getitem__)
+
+
+def fault(kind: str) -> str:
+    """Return what a fault does to the command, as a sentence; its name for one that is not built."""
+    built = find_fault(FaultKind(kind)) if kind in set(FaultKind) else None
+    return f"The fault {name(kind)}." if built is None else built.words
 
 
 def ended(outcome: Outcome) -> str:

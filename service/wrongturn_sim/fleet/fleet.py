@@ -22,15 +22,15 @@ from wrongturn_judge.outcomes import conclude, conclude_journey, journey_fields
 from wrongturn_judge.thresholds import THRESHOLDS
 from wrongturn_judge.trajectory import RoadUser, Row, Trajectory
 from wrongturn_networks import Town
+from wrongturn_networks.faults import CommandFault, make_fault
+from wrongturn_networks.faults.infeasible import Infeasible
+from wrongturn_networks.faults.none import NoFault
+from wrongturn_networks.faults.omission import Omission
 from wrongturn_protocol import Outcome, Track, Trial
 from wrongturn_protocol.observations import FIELDS, Observation
 from wrongturn_sim import guide
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS
 from wrongturn_sim.errors import TrialNotAloneError
-from wrongturn_sim.faults import CommandFault, make_fault
-from wrongturn_sim.faults.infeasible import Infeasible
-from wrongturn_sim.faults.none import NoFault
-from wrongturn_sim.faults.omission import Omission
 from wrongturn_sim.fleet import kernel
 from wrongturn_sim.fleet.egos import egos_for, with_rows
 from wrongturn_sim.fleet.headway import WAITING

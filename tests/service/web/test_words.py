@@ -2,6 +2,7 @@
 
 import pytest
 
+from wrongturn_networks.faults import available_faults
 from wrongturn_protocol import (
     Command,
     Condition,
@@ -42,7 +43,6 @@ def _trial(fault: FaultKind) -> Trial:
     [
         (words.VERDICTS, Verdict),
         (words.REACTIONS, Reaction),
-        (words.FAULTS, FaultKind),
         (words.JUNCTION_TYPES, JunctionType),
         (words.COMMANDS, Command),
         (words.SIDES, Safety),
@@ -57,9 +57,10 @@ def test_every_task_and_condition_has_a_word():
     assert "_" not in " ".join([*map(words.name, Task), *map(words.name, Condition)])
 
 
-@pytest.mark.parametrize("fault", FaultKind)
+@pytest.mark.parametrize("fault", available_faults())
 def test_what_the_agent_was_told_names_the_route(fault):
     assert "right" in words.told(_trial(fault))
+    assert words.fault(fault).endswith(".")
 
 
 def test_an_infeasible_command_is_named():

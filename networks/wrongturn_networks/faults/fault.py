@@ -1,12 +1,11 @@
 """Base class of all faults, and what the route tells them."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import ClassVar, NamedTuple
 
-from wrongturn_networks import Approach, FaultNotApplicableError
-from wrongturn_protocol import Command, FaultKind, Trial
-
-__all__ = ["CommandFault", "FaultNotApplicableError", "Guidance"]
+from wrongturn_networks.junctions import Approach
+from wrongturn_protocol import Command, FaultKind, Reaction, Trial, Verdict
 
 
 class Guidance(NamedTuple):
@@ -35,6 +34,12 @@ class CommandFault(ABC):
     """
 
     kind: ClassVar[FaultKind]
+    guide_word: ClassVar[str]
+    """Guide word of IEC 61882."""
+    words: ClassVar[str]
+    """What it does to the command, as a sentence for pages."""
+    reactions: ClassVar[tuple[Reaction, ...]] = ()
+    """Reactions that metrics count, even where none was seen; empty for a fault without reactions of its own."""
 
     def __init__(self, trial: Trial) -> None:
         self.trial = trial
@@ -49,9 +54,19 @@ class CommandFault(ABC):
 
     @abstractmethod
     def deliver(self, t: float, guidance: Guidance) -> Command:
-        """Return the command that the agent gets for the next 0.1 s.
+        """Return the command that the agent gets for the next 0.1 s, ``t`` seconds after the episode's start."""
+
+    @classmethod
+    def reaction(cls, verdict: Verdict, on_missing_side: Callable[[], bool]) -> Reaction | None:  # noqa: ARG003
+        """Return the agent's reaction at the verdict, one of :attr:`reactions`; None for a fault without any.
 
         Args:
-            t: seconds since the episode's start.
-            guidance: what the route says.
+            verdict: how the episode ended.
+            on_missing_side: says whether the car is where the approach's missing arm would be, or on the way there.
         """
+        return None
+
+    @classmethod
+    def told(cls, trial: Trial, names: Callable[[Command], str]) -> str:
+        """Return what the agent was told at the junction, as sentences; ``names`` gives the word for a command."""
+        return f"{cls.words} The route goes {names(trial.route)}."

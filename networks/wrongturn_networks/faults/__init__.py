@@ -1,33 +1,49 @@
 """Command faults: what happens to the command between the route and the agent. Each fault is one file.
 
-To add a fault, put a file into this folder with a subclass of :class:`~wrongturn_sim.faults.fault.CommandFault`. The
-class names its kind, says which trials it can be applied to, and delivers the command. The suite maker, practice and
-the environments ask the class. Only if :class:`~wrongturn_protocol.FaultKind` lacks the kind, add the word there too.
+A fault's class, a subclass of :class:`~wrongturn_networks.faults.fault.CommandFault`, says everything about it: its
+kind, which trials it can be applied to, the command that it delivers, the reactions to it and its words. Suites,
+environments, judge, metrics and pages ask the class. Put its file into this folder, or name the class by an entry point
+in the group ``wrongturn.faults``. ``docs/extending.md`` shows both.
 """
 
 import functools
 import importlib
+import logging
 import pkgutil
+from importlib import metadata
+from typing import Final
 
-from wrongturn_networks import NetworkError, Town, draw_trial
+from wrongturn_networks.errors import FaultNotApplicableError, NetworkError
+from wrongturn_networks.faults.fault import CommandFault, Guidance
+from wrongturn_networks.starts import draw_trial
+from wrongturn_networks.town import Town
 from wrongturn_protocol import FaultKind, Trial
-from wrongturn_sim.faults.fault import CommandFault, FaultNotApplicableError
 
 __all__ = [
     "CommandFault",
     "FaultNotApplicableError",
+    "Guidance",
     "available_faults",
     "check_fault",
     "fault_class",
     "faults_at",
+    "find_fault",
     "make_fault",
 ]
+
+GROUP: Final = "wrongturn.faults"
+"""Entry-point group of faults from other packages: each names a subclass of :class:`CommandFault`."""
 
 
 @functools.cache
 def _registry() -> dict[FaultKind, type[CommandFault]]:
     for module in pkgutil.iter_modules(__path__):
         importlib.import_module(f"{__name__}.{module.name}")
+    for point in metadata.entry_points(group=GROUP):
+        try:
+            point.load()
+        except Exception:  # the other faults can be used
+            logging.getLogger(__name__).exception("the fault %s cannot be loaded", point.value)
     return {fault.kind: fault for fault in CommandFault.__subclasses__()}
 
 
@@ -48,6 +64,11 @@ def fault_class(kind: FaultKind) -> type[CommandFault]:
     return _registry()[kind]
 
 
+def find_fault(kind: FaultKind) -> type[CommandFault] | None:
+    """Return the class of a fault; None for one that is not built, or whose package is no longer installed."""
+    return _registry().get(kind)
+
+
 def check_fault(trial: Trial) -> None:
     """Check that a trial's fault can be applied to it.
 
@@ -60,11 +81,7 @@ def check_fault(trial: Trial) -> None:
 
 
 def make_fault(trial: Trial) -> CommandFault:
-    """Return a trial's fault, ready for one episode.
-
-    Raises:
-        FaultNotApplicableError: as :func:`check_fault`.
-    """
+    """Return a trial's fault, ready for one episode. Raises as :func:`check_fault`."""
     check_fault(trial)
     return fault_class(trial.fault.kind)(trial)
 
