@@ -285,3 +285,21 @@ def test_a_fault_that_is_not_compiled(in_process: Environments, monkeypatch: pyt
     monkeypatch.setattr("wrongturn_sim.fleet.fleet._COMPILED", {})
     for fault in ("none", "infeasible", "omission"):
         compare(in_process, drawn_actions(6, 60), fault=fault, track="privileged")
+
+
+@pytest.mark.parametrize("track", ["state", "privileged"])
+@pytest.mark.parametrize("town", ["Town01", "Town02"])
+def test_cruises(in_process: Environments, town: str, track: str) -> None:
+    options = {"town": town, "task": "cruise", "track": track, "journeys": {"time_limit": 6.0}}
+    options["weather"] = ["ClearNoon", "HardRainNoon"]
+    strict = compare(in_process, drawn_actions(8, 150), strict=True, threads=2, **options)
+    assert {"off_road", "not_engaged", "timeout"} <= set(strict)
+    lax = compare(in_process, drawn_actions(8, 150), AutoresetMode.SAME_STEP, **options)
+    assert set(lax) <= {"collision", "timeout"}
+
+
+@pytest.mark.parametrize("starts", [{"near_junctions": 1.0}, {"near_junctions": 0.0, "inside_junctions": 1.0}])
+def test_cruises_that_start_near_and_inside_junctions(in_process: Environments, starts: dict[str, float]) -> None:
+    journeys = {"time_limit": 6.0, "near_bends": 0.0, **starts}
+    options = {"town": "Town01", "task": "cruise", "track": "privileged", "journeys": journeys}
+    compare(in_process, drawn_actions(8, 150), strict=True, threads=2, **options)

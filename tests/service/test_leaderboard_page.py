@@ -50,6 +50,7 @@ async def add(http: httpx.AsyncClient, names: list[str], **agent: object) -> Non
                     created=float(number),
                     finished=float(number),
                     metrics=metrics,
+                    seq=number,
                 )
             )
     http.app.state.service.leaderboards.forget(SUITE)

@@ -118,7 +118,7 @@ def test_the_tutorials_agent_is_trained_exported_and_driven(tmp_path: Path) -> N
     """A few steps do for that. Only those that the page shows suffice to drive."""
     text = TUTORIAL.split("\n## 2. ")[1]
     assert text.count("model.learn(80_000)") == 1
-    assert "LEFT_RIGHT" in begin(text.replace("80_000", "2_048"), tmp_path)
+    assert "left or" in begin(text.replace("80_000", "2_048"), tmp_path)
 
 
 @pytest.mark.soak
