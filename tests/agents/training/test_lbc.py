@@ -107,7 +107,7 @@ def test_a_given_teacher_teaches_an_agent_of_another_width(run, tmp_path):
             raise KeyboardInterrupt
 
     given, folder = run / PRIVILEGED_FILE, tmp_path / "run"
-    options = (*SMALL, "begin=64", "width=4", f"teacher={given}")
+    options = (*SMALL, "begin=64", "width=16", f"teacher={given}")
     with pytest.raises(KeyboardInterrupt):
         train("lbc", directory=folder, steps=32, options=options, on_row=interrupt, **HERE)
     assert load(folder / BEST).told["evaluation"] == {}
