@@ -1,8 +1,9 @@
 """The way of one step: how many of our files and functions it runs through, and how often it changes the file.
 
-    .venv/bin/python lab/step_way.py [--socket]
+    .venv/bin/python lab/step_way.py [--socket] [--show]
 
 Client and service run in two threads of this process, the simulator in its own; each notes the calls of our functions.
+``--show`` lists them.
 """
 
 import itertools
@@ -81,6 +82,9 @@ def main() -> None:
     for name, part in [*calls.items(), ("all", way)]:
         changes = sum(before[0] != after[0] for before, after in itertools.pairwise(part))
         print(f"{name}: {len({file for file, _ in part})} files, {len(set(part))} functions, {changes} changes of file")
+    if "--show" in sys.argv:
+        for side, part in calls.items():
+            print("\n".join([f"\n{side}", *(f"  {file}: {function}" for file, function in part)]))
 
 
 if __name__ == "__main__":
