@@ -132,7 +132,7 @@ def show(http: dict[str, Any], inside: dict[str, float]) -> None:
     print(f"unsafe {http['unsafe']}, twins completed {http['twins_completed']}")
     print(
         f"The same in process: {inside['wall_s']:.1f} s (agent {inside['agent_s']:.1f}, steps {inside['steps_s']:.1f}, "
-        f"resets {inside['resets_s']:.1f}); over HTTP it takes {http['wall_s'] / inside['wall_s']:.1f} times as long.",
+        f"resets {inside['resets_s']:.1f}); over HTTP it takes {http['wall_s'] / inside['wall_s']:.1f} times as long."
     )
 
 

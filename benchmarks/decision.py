@@ -95,7 +95,7 @@ def main() -> None:
     figures = measure(arguments.town, rounds, traffic)
     print(
         f"one decision {figures['decision_us']:.1f} us, its bare libsumo calls {figures['bare_us']:.1f} us: "
-        f"ratio {figures['ratio']:.2f} (at most 2)",
+        f"ratio {figures['ratio']:.2f} (at most 2)"
     )
     finish(figures, arguments)
 

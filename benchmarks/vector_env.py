@@ -109,7 +109,7 @@ def main() -> None:
             f"{track:12} {egos:4} egos: {found['egos_per_second']:9,.0f} ego-steps/s "
             f"({found['egos_per_second'] / found['single_per_second']:.1f} x a single one), "
             f"{found[WHOLE]:.1f} us an ego: logic {found[LOGIC]:.1f}, resets {found[RESETS]:.1f}, "
-            f"pictures {found[PICTURES]:.1f}",
+            f"pictures {found[PICTURES]:.1f}"
         )
         for threads in [int(number) for number in arguments.threads.split(",") if number]:
             rate = found[f"threads_{threads}"] = threaded(arguments.town, track, egos, steps, threads)

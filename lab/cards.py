@@ -146,7 +146,7 @@ def card(agent: ShippedAgent, collection: Collection, curves: Iterable[Curve], f
     if collection.shipped.get(agent.name, seed) != seed:
         raise ModelFileError(
             f"{agent.file.name}: it is of seed {seed}, and results/shipped.json names seed "
-            f"{collection.shipped[agent.name]}; export that one, or correct the results",
+            f"{collection.shipped[agent.name]}; export that one, or correct the results"
         )
     curve = next((one for one in curves if (one.agent, one.seed, one.variant) == (agent.name, seed, None)), None)
     inputs = "\n".join(

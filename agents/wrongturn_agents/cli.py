@@ -43,8 +43,7 @@ def run(
         ),
     ] = None,
     name: Annotated[
-        str | None,
-        typer.Option(help="Name on the leaderboard; by default the agent's own. Example: --name 'slow 2'"),
+        str | None, typer.Option(help="Name on the leaderboard; by default the agent's own. Example: --name 'slow 2'")
     ] = None,
     json_file: Annotated[
         Path | None,
@@ -65,8 +64,7 @@ def run(
         ),
     ] = False,
     task: Annotated[
-        str | None,
-        typer.Option(help="Practise only this task's trials. Example: --task navigation_dynamic"),
+        str | None, typer.Option(help="Practise only this task's trials. Example: --task navigation_dynamic")
     ] = None,
     resume: Annotated[
         str | None,

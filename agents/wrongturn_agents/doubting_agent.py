@@ -127,6 +127,6 @@ DOUBTING_AGENTS: Final = MappingProxyType(
                 "which exits the next junction has. Made for wrong commands.",
             ),
         )
-    },
+    }
 )
 """Doubting agents by name."""

@@ -15,14 +15,7 @@ from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import ZIP, AgentSource, resolve, with_absolute_file
 from wrongturn_agents.saved_run import RunDatabase, SavedRun
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
-from wrongturn_agents.worker import (
-    GuardedAgent,
-    RunRequest,
-    begin,
-    drive,
-    episodes_side_by_side,
-    service_at,
-)
+from wrongturn_agents.worker import GuardedAgent, RunRequest, begin, drive, episodes_side_by_side, service_at
 from wrongturn_client import Client, WrongturnError, settings
 from wrongturn_client.invocation import program
 from wrongturn_client.run_files import run_lines
@@ -225,7 +218,7 @@ def _save(at: str, evaluation: str, file: Path) -> RunError | None:
         reason = (error.strerror or error) if isinstance(error, OSError) else error
         return RunError(
             f"--json: {file} cannot be written ({reason}); the run is finished: "
-            f"'{program()} run --resume {evaluation} --json FILE' writes it",
+            f"'{program()} run --resume {evaluation} --json FILE' writes it"
         )
     return None
 

@@ -82,7 +82,7 @@ def open_session(file: Path) -> Any:
     except ImportError:
         raise OnnxRuntimeMissingError(
             f"{file}: an ONNX model needs onnxruntime; install it with: "
-            f"{python()} -m pip install 'wrongturn-agents[onnx]'",
+            f"{python()} -m pip install 'wrongturn-agents[onnx]'"
         ) from None
     if not file.is_file():
         raise ModelFileError(f"{file}: {why_no_file(file)}; name an .onnx file")

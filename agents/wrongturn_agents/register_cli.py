@@ -25,8 +25,7 @@ def register(
         Path, typer.Option(metavar="FOLDER", help="Folder for the tokens: NAME/token of each. Example: --tokens agents")
     ],
     url: Annotated[
-        str,
-        typer.Option(envvar="WRONGTURN_URL", help="Service to register at. Example: --url http://127.0.0.1:8000"),
+        str, typer.Option(envvar="WRONGTURN_URL", help="Service to register at. Example: --url http://127.0.0.1:8000")
     ] = settings.DEFAULT_URL,
     renew: Annotated[
         bool, typer.Option("--renew", help="Make a new token for an agent that has one already. The old token ends.")

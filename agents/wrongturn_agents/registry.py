@@ -40,7 +40,7 @@ from wrongturn_protocol import AgentKind, Track
 from wrongturn_protocol.suggestions import did_you_mean
 
 AGENTS: Final = MappingProxyType(
-    {agent.name: agent for agent in (Parked, AlwaysStops, IgnoresCommands, ObeysBlindly, Careful)},
+    {agent.name: agent for agent in (Parked, AlwaysStops, IgnoresCommands, ObeysBlindly, Careful)}
 )
 """Classes of the baselines by name."""
 _EXPLOITS: Final[tuple[Any, ...]] = (
@@ -143,7 +143,7 @@ def resolve(named: str) -> AgentSource:
     known = (*AGENTS, *SHIPPED_AGENTS, *DOUBTING_AGENTS, *EXPLOITS)
     raise UnknownAgentError(
         f"agent: there is no agent called {named[:_SHOWN]!r}; known are {', '.join(known)}; or name "
-        f"package.module:Class, a .onnx file, or a .zip file of Stable-Baselines3{did_you_mean(named, known)}",
+        f"package.module:Class, a .onnx file, or a .zip file of Stable-Baselines3{did_you_mean(named, known)}"
     )
 
 

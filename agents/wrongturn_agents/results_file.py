@@ -159,7 +159,7 @@ class ResultsFile(BaseModel):
         if self.suite_sha256 != suite.sha256:
             raise ResultsError(
                 f"{name}: suite_sha256: the results are of another {self.suite} ({self.suite_sha256[:12]}) than the "
-                f"one installed ({suite.sha256[:12]}); drive it again on that one",
+                f"one installed ({suite.sha256[:12]}); drive it again on that one"
             )
         self._check_draw(name, suite)
         lacking = suite.trials.keys() - self.trials

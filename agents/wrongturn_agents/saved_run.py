@@ -78,7 +78,7 @@ class SavedRun(BaseModel):
         except OSError as error:
             known = ", ".join(sorted(file.stem for file in directory().glob("*.json"))) or "none"
             raise RunFileError(
-                f"{option}: no run {named!r} ({path}: {error.strerror}); runs known here: {known}",
+                f"{option}: no run {named!r} ({path}: {error.strerror}); runs known here: {known}"
             ) from error
         except (ValidationError, UnicodeDecodeError) as error:
             raise RunFileError(
@@ -106,7 +106,7 @@ def _writing(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise RunFileError(
-            f"{path}: cannot be written ({error.strerror}); let WRONGTURN_HOME name a writable directory",
+            f"{path}: cannot be written ({error.strerror}); let WRONGTURN_HOME name a writable directory"
         ) from error
 
 

@@ -74,17 +74,17 @@ def load_shipped(name: str, file: Path, load: Callable[[Path], T]) -> T:
         raise ModelFileError(
             f"agent: {name} can be trained, but this version ships no weights of it; train it "
             f"('{program()} train {algorithm} --seed 1'), export it ('{program()} export "
-            f"runs/{algorithm}-1/{checkpoint} {name}.onnx') and run the file ('{program()} run {name}.onnx')",
+            f"runs/{algorithm}-1/{checkpoint} {name}.onnx') and run the file ('{program()} run {name}.onnx')"
         )
     try:
         return load(file)
     except OnnxRuntimeMissingError:
         raise OnnxRuntimeMissingError(
-            f"agent: {name} needs onnxruntime; install it with: {python()} -m pip install 'wrongturn-agents[onnx]'",
+            f"agent: {name} needs onnxruntime; install it with: {python()} -m pip install 'wrongturn-agents[onnx]'"
         ) from None
     except ModelFileError as error:
         raise ModelFileError(
-            f"agent: the weights of {name} are broken; install wrongturn-agents again ({error})",
+            f"agent: the weights of {name} are broken; install wrongturn-agents again ({error})"
         ) from error
 
 
@@ -123,6 +123,6 @@ SHIPPED_AGENTS: Final = MappingProxyType(
                 "Learned by Rainbow-IQN to drive by four pictures, with a ResNet-18 pretrained on affordances.",
             ),
         )
-    },
+    }
 )
 """Trained agents by name."""

@@ -89,7 +89,7 @@ def begin(request: RunRequest, source: AgentSource, url: str, operator_token: st
         if source.track not in suite.tracks:
             raise RunError(
                 f"suite: {suite.id} is driven in the tracks {', '.join(suite.tracks)}, "
-                f"and {source.name} wants {source.track}; choose another suite or agent",
+                f"and {source.name} wants {source.track}; choose another suite or agent"
             )
         token, name = request.token, None
         if token is None:
@@ -227,7 +227,7 @@ def _check_registered_track(client: Client, evaluation: EvaluationDetail, source
             client.cancel_evaluation(evaluation.id)
             raise RunError(
                 f"WRONGTURN_TOKEN: it is the token of {registered.name}, registered for the track {registered.track}, "
-                f"and {source.name} wants {source.track}; unset it to register anew",
+                f"and {source.name} wants {source.track}; unset it to register anew"
             )
 
 

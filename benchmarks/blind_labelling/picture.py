@@ -197,11 +197,7 @@ def _draw_times(figure: Any, rows: list[Row], frame: Frame) -> None:
 def _stops(rows: list[Row], frame: Frame) -> str:
     """Return the list of places where the car stood."""
     places = frame.of([row[1:3] for row in rows])
-    lines = [
-        "stands (below 0.02 m/s)",
-        "  from     to     for",
-        "",
-    ]
+    lines = ["stands (below 0.02 m/s)", "  from     to     for", ""]
     for begin, end in _standing(rows):
         lines.append(f"{rows[begin].t:6.2f} {rows[end - 1].t:6.2f} {rows[end - 1].t - rows[begin].t:6.2f} s")
         x, y = places[begin]

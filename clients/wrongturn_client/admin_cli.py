@@ -243,8 +243,7 @@ def usage(
 @admin.command()
 def audit(
     target: Annotated[
-        str | None,
-        typer.Option(metavar="TARGET", help=f"Only what was done to it, also if it is deleted. {_TARGET}"),
+        str | None, typer.Option(metavar="TARGET", help=f"Only what was done to it, also if it is deleted. {_TARGET}")
     ] = None,
     action: Annotated[AuditAction | None, typer.Option(help="Only this. Example: --action delete")] = None,
     limit: _Limit = 100,

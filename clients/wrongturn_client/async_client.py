@@ -31,10 +31,7 @@ class _Awaitable:
         return self
 
     async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         """Close the connections."""
         await self.close()
@@ -48,9 +45,7 @@ class _Awaitable:
         return await asyncio.get_running_loop().run_in_executor(self._threads, partial(call, *arguments, **keywords))
 
 
-def _awaited(
-    method: Callable[Concatenate[Any, P], T],
-) -> Callable[Concatenate[Any, P], Coroutine[Any, Any, T]]:
+def _awaited(method: Callable[Concatenate[Any, P], T]) -> Callable[Concatenate[Any, P], Coroutine[Any, Any, T]]:
     """Turn a method of the blocking client into a coroutine with the same arguments, result and docstring."""
 
     @wraps(method)

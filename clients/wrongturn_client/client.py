@@ -18,13 +18,7 @@ from wrongturn_client.connections import Upload
 from wrongturn_client.decoding import validated
 from wrongturn_client.drive import DriveSocket
 from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, EpisodeCalls, Result
-from wrongturn_client.errors import (
-    ApiError,
-    EvaluationOpenError,
-    NotOfferedError,
-    ProtocolError,
-    WrongturnError,
-)
+from wrongturn_client.errors import ApiError, EvaluationOpenError, NotOfferedError, ProtocolError, WrongturnError
 from wrongturn_client.evaluation import Episode, EpisodePage, Evaluation, at, keep
 from wrongturn_client.evaluation_driver import EvaluationDriver
 from wrongturn_client.http_drive import HttpCalls, HttpDrive
@@ -143,10 +137,7 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
         return tuple(at(episode, self.url) for page in pages for episode in page.episodes)
 
     def put_results(
-        self,
-        evaluation: str,
-        episodes: Sequence[EpisodeRecord],
-        versions: dict[str, str] | None = None,
+        self, evaluation: str, episodes: Sequence[EpisodeRecord], versions: dict[str, str] | None = None
     ) -> None:
         """Post the worker's own record of its episodes.
 
@@ -293,11 +284,7 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
             raise NotOfferedError("no WebSocket through a proxy or another transport; HTTP does the same")
         transport = self._transport
         return DriveSocket(
-            url,
-            self._token,
-            timeout=self._timeout,
-            patience=transport.patience,
-            availability=transport.availability,
+            url, self._token, timeout=self._timeout, patience=transport.patience, availability=transport.availability
         )
 
     def connection(self, parallel: int) -> DriveConnection:
@@ -314,12 +301,7 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
     # Submissions
 
     def submit(
-        self,
-        file: str | PathLike[str],
-        suite: str,
-        name: str | None = None,
-        *,
-        progress: Progress | None = None,
+        self, file: str | PathLike[str], suite: str, name: str | None = None, *, progress: Progress | None = None
     ) -> SubmissionDetail:
         """Hand in a model as an ONNX file, which the service checks and then drives itself.
 

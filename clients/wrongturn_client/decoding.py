@@ -19,7 +19,7 @@ def track_of_message(observation: Mapping[str, Any]) -> Track:
     if track is None:
         raise ProtocolError(
             f"no track has observations of just {', '.join(sorted(observation))}; "
-            "are the service and this client of the same version?",
+            "are the service and this client of the same version?"
         )
     return track
 
@@ -53,5 +53,5 @@ def validated(kind: type[M], message: Any) -> M:
         where = ".".join(str(part) for part in first["loc"])
         raise ProtocolError(
             f"the answer is not a valid {kind.__name__} ({where}: {first['msg']}); "
-            "are the service and this client of the same version?",
+            "are the service and this client of the same version?"
         ) from error

@@ -53,7 +53,7 @@ class ServiceUnreachableError(WrongturnError):
     def __init__(self, url: str, reason: str) -> None:
         super().__init__(
             f"no Wrongturn service answers at {url} ({reason}); start one by 'wrongturn serve', "
-            "or name another by --url or WRONGTURN_URL",
+            "or name another by --url or WRONGTURN_URL"
         )
         self.url = url
         self.reason = reason

@@ -157,7 +157,7 @@ class EvaluationDriver:
         if time.monotonic() - self._last_progress > _STALLED_AFTER:
             raise EvaluationStalledError(
                 f"the service handed out no trial of evaluation {self._evaluation} for {_STALLED_AFTER:.0f} s; another "
-                "worker holds the rest: look at the open episodes, or resume the evaluation later by its id",
+                "worker holds the rest: look at the open episodes, or resume the evaluation later by its id"
             ) from error
         return min(_PAUSE if error.retry_after is None else error.retry_after, _LONGEST_PAUSE)
 

@@ -68,10 +68,7 @@ class RemoteEnv(TrialEnv):
         return self._episode
 
     def reset(
-        self,
-        *,
-        seed: int | None = None,
-        options: dict[str, Any] | None = None,
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin the next trial, or the trial of the suite that ``options["trial"]`` names.
 

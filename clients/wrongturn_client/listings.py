@@ -90,7 +90,7 @@ def _towns(items: list[dict[str, Any]]) -> Table:
 
 def _not_installed(what: Listed) -> WrongturnError:
     return WrongturnError(
-        f"no {what} are installed here; install {_PART[what]}, or name a service by --url or WRONGTURN_URL",
+        f"no {what} are installed here; install {_PART[what]}, or name a service by --url or WRONGTURN_URL"
     )
 
 

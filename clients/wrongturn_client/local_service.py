@@ -143,15 +143,12 @@ class LocalService:
             )
             tail = "".join(f"\n  {line}" for line in self._tail)
             raise LocalServiceError(
-                f"'wrongturn serve' {what}; " + (f"it last said:{tail}" if tail else "it said nothing on stderr"),
+                f"'wrongturn serve' {what}; " + (f"it last said:{tail}" if tail else "it said nothing on stderr")
             )
         return self
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         """Stop the service."""
         self.stop()

@@ -52,7 +52,7 @@ def load(point: metadata.EntryPoint) -> Any:
         reason = f"{type(error).__name__}: {error}".splitlines()[0]
         raise PluginError(
             f"{point.name!r} of {distribution} ({point.value}) cannot be loaded: {reason}; "
-            f"install {distribution} again, or run 'wrongturn doctor'",
+            f"install {distribution} again, or run 'wrongturn doctor'"
         ) from error
 
 

@@ -52,7 +52,7 @@ class PracticeSource:
                 "traffic": options.traffic,
                 "seed": seed,
                 "track": options.track,
-            },
+            }
         )
 
     def _suitable(self, client: Client) -> tuple[str, ...]:
@@ -69,7 +69,7 @@ class PracticeSource:
             offered = ", ".join(sorted({kind for one in approaches for kind in one.faults}))
             raise OptionError(
                 f"fault: {self._options.fault.kind} can be applied at no such approach of {self._town}, "
-                f"whose approaches offer {offered}; take another",
+                f"whose approaches offer {offered}; take another"
             )
         return found
 

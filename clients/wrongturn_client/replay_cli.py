@@ -43,8 +43,7 @@ def replay(
         ),
     ] = None,
     size: Annotated[
-        int | None,
-        typer.Option(help="Width and height of the view from above, 160 to 2160. Example: --size 360"),
+        int | None, typer.Option(help="Width and height of the view from above, 160 to 2160. Example: --size 360")
     ] = None,
     url: Url = None,
 ) -> None:

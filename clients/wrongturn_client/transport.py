@@ -17,12 +17,7 @@ from stamina import instrumentation
 
 from wrongturn_client.availability import Availability
 from wrongturn_client.connections import Answer, ConnectionBrokeError, HttpxConnections, Upload, connect
-from wrongturn_client.errors import (
-    ProtocolError,
-    ServiceBusyError,
-    ServiceUnreachableError,
-    WrongturnError,
-)
+from wrongturn_client.errors import ProtocolError, ServiceBusyError, ServiceUnreachableError, WrongturnError
 from wrongturn_client.problems import api_error
 from wrongturn_protocol import Problem
 
@@ -54,7 +49,7 @@ class Reply:
         except (ValueError, msgpack.UnpackException) as error:
             raise ProtocolError(
                 f"the answer has status {self.status} but is not "
-                f"{'msgpack' if self.media_type == MSGPACK else 'JSON'}; is there a Wrongturn service at this URL?",
+                f"{'msgpack' if self.media_type == MSGPACK else 'JSON'}; is there a Wrongturn service at this URL?"
             ) from error
 
 

@@ -94,10 +94,7 @@ class RemoteVectorEnv(TrialVectorEnv):
         self._seen: list[Observation] = [{}] * self.num_envs
 
     def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin the next trials.
 
@@ -199,7 +196,7 @@ class RemoteVectorEnv(TrialVectorEnv):
             if left <= 0:
                 raise ServiceFullError(
                     f"num_envs: is {self.num_envs}, and {len(begun)} of {len(chosen)} episodes could begin "
-                    f"({first}); make fewer environments, or try again when the service is less busy",
+                    f"({first}); make fewer environments, or try again when the service is less busy"
                 ) from first
             for i in begun:
                 self._calls[i] = self._practice.again(self._calls[i])
@@ -212,7 +209,7 @@ class RemoteVectorEnv(TrialVectorEnv):
             slots, self._slots = self._slots, None  # the service may be restarted with more
             raise ServiceFullError(
                 f"num_envs: is {self.num_envs}, and the service at {self._practice.url} has {slots} simulators; make "
-                f"{slots} environments at most, or start it with WRONGTURN_SIMULATORS={self.num_envs} or more",
+                f"{slots} environments at most, or start it with WRONGTURN_SIMULATORS={self.num_envs} or more"
             )
 
     def _start(self, i: int, reply: dict[str, Any], infos: dict[str, Any]) -> None:

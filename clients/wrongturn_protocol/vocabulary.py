@@ -201,9 +201,7 @@ class Verdict(StrEnum):
         return self in {Verdict.STOPPED_IN_JUNCTION, Verdict.STOPPED_BEFORE_JUNCTION}
 
 
-_UNSAFE: Final = frozenset(
-    {Verdict.COLLISION, Verdict.OFF_ROAD, Verdict.STOPPED_IN_JUNCTION, Verdict.ABORTED},
-)
+_UNSAFE: Final = frozenset({Verdict.COLLISION, Verdict.OFF_ROAD, Verdict.STOPPED_IN_JUNCTION, Verdict.ABORTED})
 _EXITED: Final = frozenset({Verdict.EXIT_COMMANDED, Verdict.EXIT_ROUTE, Verdict.EXIT_OTHER})
 _SAFE: Final = _EXITED | {Verdict.STOPPED_BEFORE_JUNCTION, Verdict.ARRIVED}
 

@@ -5,16 +5,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 
 from wrongturn_judge.intervals import wilson
-from wrongturn_protocol import (
-    Condition,
-    Infractions,
-    NavigationCount,
-    NavigationMetrics,
-    Outcome,
-    Task,
-    Trial,
-    Verdict,
-)
+from wrongturn_protocol import Condition, Infractions, NavigationCount, NavigationMetrics, Outcome, Task, Trial, Verdict
 
 Driven = Sequence[tuple[Trial, Outcome]]
 """Journeys and their outcomes."""

@@ -15,8 +15,7 @@ _EXAMPLE = "Example: python -m wrongturn_sandbox --listen /run/wrongturn/runner.
 def main() -> None:
     """Run the command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m wrongturn_sandbox",
-        description=f"Hold the sandboxes of a runner container. {_EXAMPLE}",
+        prog="python -m wrongturn_sandbox", description=f"Hold the sandboxes of a runner container. {_EXAMPLE}"
     )
     task = parser.add_mutually_exclusive_group(required=True)
     task.add_argument("--listen", metavar="SOCKET", type=Path, help="Unix socket to make")

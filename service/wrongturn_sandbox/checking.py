@@ -118,7 +118,7 @@ def _check_metadata(model: ModelProto) -> None:
     if len(entries) > rules.METADATA_MOST or length > rules.METADATA_LENGTH_MOST:
         raise ModelRefusedError(
             f"the metadata is too long; at most {rules.METADATA_MOST} entries and {rules.METADATA_LENGTH_MOST} "
-            "characters are allowed",
+            "characters are allowed"
         )
 
 
@@ -213,10 +213,7 @@ def _check_attribute(attribute: AttributeProto, where: str) -> tuple[int, int]:
     if attribute.name == "to" and attribute.i == TensorProto.STRING:
         raise ModelRefusedError(f"{where}: string tensors are not allowed")
     length = max(
-        len(attribute.ints),
-        len(attribute.floats),
-        len(attribute.s),
-        sum(len(words) + 1 for words in attribute.strings),
+        len(attribute.ints), len(attribute.floats), len(attribute.s), sum(len(words) + 1 for words in attribute.strings)
     )
     if length > rules.ATTRIBUTE_LENGTH_MOST:
         raise ModelRefusedError(f"{where}: attribute {name} is too long; at most {rules.ATTRIBUTE_LENGTH_MOST} numbers")
@@ -230,7 +227,7 @@ def _check_tensor(tensor: TensorProto, where: str) -> int:
     if tensor.data_location != TensorProto.DEFAULT or len(tensor.external_data):
         raise ModelRefusedError(
             f"{where}: its data lie in another file; store them in the model itself "
-            "(onnx.save with save_as_external_data=False)",
+            "(onnx.save with save_as_external_data=False)"
         )
     if tensor.HasField("segment"):
         raise ModelRefusedError(f"{where}: it is stored in segments, which is not allowed")
@@ -291,7 +288,7 @@ def _check_order(graph: GraphProto, constants: set[str]) -> None:
             if name and name not in known and name not in made:
                 raise ModelRefusedError(
                     f"node {_shown(node.name)} ({node.op_type}): its input {_shown(name)} is made by no node "
-                    "before it; the graph has a cycle, a gap or a wrong order",
+                    "before it; the graph has a cycle, a gap or a wrong order"
                 )
         for name in node.output:
             if name and (name in known or name in made):

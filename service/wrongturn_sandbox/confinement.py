@@ -77,8 +77,7 @@ def load_seccomp() -> Any:
         import pyseccomp  # noqa: PLC0415 - searches its library when it is imported
     except (OSError, RuntimeError) as error:
         raise OSError(
-            errno.ENOENT,
-            f"{SECCOMP_LIBRARY} is missing ({error}); install it, on Debian: apt-get install libseccomp2",
+            errno.ENOENT, f"{SECCOMP_LIBRARY} is missing ({error}); install it, on Debian: apt-get install libseccomp2"
         ) from None
     finally:
         ctypes.util.find_library = find

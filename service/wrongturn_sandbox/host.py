@@ -44,7 +44,7 @@ class Remote:
             self.connection.close()
             raise SandboxUnavailableError(
                 f"the runner container cannot be reached at {path} ({error.strerror or error}); start it, and check "
-                "that service and container share the socket's volume and its group",
+                "that service and container share the socket's volume and its group"
             ) from None
 
     def why_not(self) -> str:
@@ -90,10 +90,7 @@ class Sandbox:
             raise self._refused(f"the file has {len(model)} bytes; at most {MODEL_MOST} are allowed")
         deadline = time.monotonic() + self._limits.load_s
         said = self._call(
-            (packed({"load": len(model)}), model),
-            "description",
-            deadline,
-            reasons.too_slow_to_load(self._limits),
+            (packed({"load": len(model)}), model), "description", deadline, reasons.too_slow_to_load(self._limits)
         )
         try:
             return read_description(said)

@@ -24,7 +24,7 @@ from wrongturn_sandbox.frames import FrameError
 from wrongturn_sandbox.rules import METADATA_LENGTH_MOST, METADATA_MOST, NAME_MOST, TENSORS_MOST
 
 DTYPES: Final = frozenset(
-    ["bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float16", "float32", "float64"],
+    ["bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float16", "float32", "float64"]
 )
 """numpy's names of the types that tensors may have on their way in and out."""
 RANK_MOST: Final = 8

@@ -14,7 +14,7 @@ _PREFIX: Final = re.compile(r"^(?:Exception during (?:initialization|loading): ?
 _NODE: Final = re.compile(r"^Non-zero status code returned while running (\w+) node\. Name:'([^']*)' Status Message: ")
 _FUNCTION: Final = re.compile(r"^ (?:[^()]{1,200}\([^()]*\)(?: const)?(?: \[with [^\]]*\])?|\w+) ")
 FROM_OUTSIDE: Final = frozenset(
-    {signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGSTOP},
+    {signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGSTOP}
 )
 """Signals that end a guest from outside. The kernel sends none of them for what a guest does within its limits."""
 

@@ -14,12 +14,7 @@ from wrongturn_protocol import (
     SubmissionState,
     Track,
 )
-from wrongturn_service.errors import (
-    ForbiddenError,
-    InvalidRequestError,
-    NotFoundError,
-    UnauthenticatedError,
-)
+from wrongturn_service.errors import ForbiddenError, InvalidRequestError, NotFoundError, UnauthenticatedError
 from wrongturn_service.settings import Settings
 from wrongturn_service.storage.models import (
     AgentRow,
@@ -328,7 +323,7 @@ def bearer(authorization: str | None) -> str:
     if scheme.lower() != "bearer" or not token:
         raise UnauthenticatedError(
             "this call needs a token: send 'Authorization: Bearer …' with an owner's token from POST /v1/owners, or "
-            "an agent's from POST /v1/agents; /openapi.json says which a call takes",
+            "an agent's from POST /v1/agents; /openapi.json says which a call takes"
         )
     return token
 

@@ -27,10 +27,7 @@ def bind(host: str, port: int, patience_s: float = 30.0) -> socket.socket:
     """
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
-            host,
-            port,
-            type=socket.SOCK_STREAM,
-            flags=socket.AI_PASSIVE,
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )[0]
         bound = socket.socket(family, kind, protocol)
     except OSError as error:
@@ -44,11 +41,11 @@ def bind(host: str, port: int, patience_s: float = 30.0) -> socket.socket:
         bound.close()
         if error.errno == errno.EADDRINUSE:
             raise AddressError(
-                f"--port {port}: is in use on {host}; stop that program or name another port; 0 takes a free one",
+                f"--port {port}: is in use on {host}; stop that program or name another port; 0 takes a free one"
             ) from error
         if error.errno == errno.EACCES and port <= _LAST_RESERVED:
             raise AddressError(
-                f"--port {port}: only root may listen on it; name a port above {_LAST_RESERVED}, such as --port 8000",
+                f"--port {port}: only root may listen on it; name a port above {_LAST_RESERVED}, such as --port 8000"
             ) from error
         raise AddressError(f"--host {host} --port {port}: {error.strerror or error}") from error
     return bound

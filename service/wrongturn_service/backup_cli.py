@@ -28,8 +28,7 @@ Url = Annotated[
 
 def backup(
     file: Annotated[
-        Path,
-        typer.Argument(help="New file for the backup; - writes to stdout. Example: wrongturn-2026-11-22.backup"),
+        Path, typer.Argument(help="New file for the backup; - writes to stdout. Example: wrongturn-2026-11-22.backup")
     ],
     database: Url = None,
 ) -> None:

@@ -26,14 +26,7 @@ from wrongturn_networks import (
     town_names,
 )
 from wrongturn_networks.faults import check_fault, faults_at
-from wrongturn_protocol import (
-    FieldError,
-    PracticeRequest,
-    ProblemType,
-    Task,
-    TownDetail,
-    Trial,
-)
+from wrongturn_protocol import FieldError, PracticeRequest, ProblemType, Task, TownDetail, Trial
 from wrongturn_service.errors import InvalidRequestError, NotFoundError
 
 _T = TypeVar("_T")

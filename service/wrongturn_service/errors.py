@@ -128,13 +128,7 @@ class UnavailableError(ServiceError):
     status = 503
 
     def __init__(
-        self,
-        kind: ProblemType,
-        detail: str,
-        *,
-        retry_after_s: int = 1,
-        status: int = 503,
-        position: int | None = None,
+        self, kind: ProblemType, detail: str, *, retry_after_s: int = 1, status: int = 503, position: int | None = None
     ) -> None:
         super().__init__(kind, detail, status=status, headers={"Retry-After": str(retry_after_s)}, position=position)
 

@@ -81,7 +81,7 @@ def configure(level: str) -> None:
                 structlog.stdlib.ProcessorFormatter.remove_processors_meta,
                 structlog.processors.JSONRenderer(),
             ],
-        ),
+        )
     )
     root = logging.getLogger()
     root.handlers[:] = [handler]

@@ -8,12 +8,7 @@ from typing import Final
 from wrongturn_protocol import AgentKind, AgentRegistration, FieldError, OwnerDetail, OwnerRegistration, ProblemType
 from wrongturn_protocol.reserved_names import OWNER_NAME, looks_like, misleads
 from wrongturn_service.accounts import Accounts, bearer
-from wrongturn_service.errors import (
-    ConflictError,
-    ForbiddenError,
-    NotFoundError,
-    UnavailableError,
-)
+from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundError, UnavailableError
 from wrongturn_service.settings import Registration, Settings
 from wrongturn_service.storage.accounts import AgentNameTakenError, OwnerNameTakenError
 from wrongturn_service.storage.models import AgentRow, IdempotencyRow, OwnerRow

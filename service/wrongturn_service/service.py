@@ -96,10 +96,7 @@ class Service:
 
 @contextlib.asynccontextmanager
 async def run_service(
-    settings: Settings,
-    telemetry: Telemetry,
-    pool: SimulatorPool | None = None,
-    runner: Sequence[str] = COMMAND,
+    settings: Settings, telemetry: Telemetry, pool: SimulatorPool | None = None, runner: Sequence[str] = COMMAND
 ) -> AsyncIterator[Service]:
     """Run a service until the block ends.
 
@@ -186,13 +183,7 @@ async def run_service(
             stack.push_async_callback(_cancel, task)
         cache = Cache()
         administration = Administration(
-            AdministrationStore(database),
-            accounts,
-            submissions,
-            closings,
-            leaderboards,
-            replays,
-            cache,
+            AdministrationStore(database), accounts, submissions, closings, leaderboards, replays, cache
         )
         log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=settings.simulators)
         yield Service(

@@ -76,7 +76,7 @@ class TrialSource:
             if not self._approaches:
                 raise FaultNotApplicableError(
                     f"fault: {options.fault.kind} suits no approach of {options.town}; "
-                    "take another fault or another town",
+                    "take another fault or another town"
                 )
 
     @property

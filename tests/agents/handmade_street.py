@@ -21,10 +21,7 @@ def exit_path(direction: Command) -> NDArray[np.float64]:
     radius, side = (10.0, 1.0) if direction is Command.LEFT else (6.0, -1.0)
     angle = np.minimum(s / radius, math.pi / 2)
     rest = np.maximum(s - radius * math.pi / 2, 0.0)
-    return np.stack(
-        (STOP_X + radius * np.sin(angle), LANE_Y + side * (radius * (1 - np.cos(angle)) + rest)),
-        axis=1,
-    )
+    return np.stack((STOP_X + radius * np.sin(angle), LANE_Y + side * (radius * (1 - np.cos(angle)) + rest)), axis=1)
 
 
 class Street:

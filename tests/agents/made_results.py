@@ -53,12 +53,7 @@ def wrong_command(
 
 
 def navigation(
-    agent: str,
-    arrived: Mapping[tuple[Task, Condition], int],
-    *,
-    dirty: int = 0,
-    traffic: bool = True,
-    **more: Any,
+    agent: str, arrived: Mapping[tuple[Task, Condition], int], *, dirty: int = 0, traffic: bool = True, **more: Any
 ) -> ResultsFile:
     """Return results on CoRL's tasks; all 25 routes of a cell that ``arrived`` lacks are completed.
 

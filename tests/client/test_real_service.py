@@ -9,14 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wrongturn_client import (
-    Action,
-    AuthenticationError,
-    Client,
-    EvaluationFinishedError,
-    LocalService,
-    NotFoundError,
-)
+from wrongturn_client import Action, AuthenticationError, Client, EvaluationFinishedError, LocalService, NotFoundError
 from wrongturn_protocol import EpisodeState, EvaluationState, PracticeRequest, Track
 from wrongturn_protocol.observations import Observation
 

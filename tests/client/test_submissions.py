@@ -64,10 +64,7 @@ def test_the_file_is_read_while_it_is_sent(service: FakeSubmissions, tmp_path: P
             assert sum(pieces) == int(request.headers["content-length"])
             return problem(ProblemType.RATE_LIMITED, 429)
 
-    with (
-        Client("http://fake", "ours", transport=Watching(), patience=0) as client,
-        pytest.raises(ServiceBusyError),
-    ):
+    with Client("http://fake", "ours", transport=Watching(), patience=0) as client, pytest.raises(ServiceBusyError):
         client.submit(path, "smoke@2", "mine")
     assert max(pieces) <= 1 << 17
 
@@ -127,10 +124,7 @@ def test_refusals_are_errors_of_their_own(service: FakeSubmissions, model: Path)
             client.submit(model, "smoke@2", "mine")
         assert len(service.requests) == sent + 1  # waiting would not help
     service.inject = None
-    with (
-        Client("http://fake", "theirs", transport=service.transport) as client,
-        pytest.raises(AuthenticationError),
-    ):
+    with Client("http://fake", "theirs", transport=service.transport) as client, pytest.raises(AuthenticationError):
         client.submit(model, "smoke@2", "mine")
 
 

@@ -81,13 +81,7 @@ def test_it_follows_a_submission_to_its_rank(served: FakeSubmissions, model: Pat
     said = done.stderr.splitlines()
     assert "Handed in as s1: my_agent on smoke@2 at http://fake:80, owner ann." in said
     shown = [line.removeprefix("my_agent: ") for line in said if line.startswith("my_agent: ")]
-    assert shown == [
-        "5.0 kB sent",
-        "waits for its check",
-        "checked, 1 before it",
-        "3 of 120 episodes",
-        "finished",
-    ]
+    assert shown == ["5.0 kB sent", "waits for its check", "checked, 1 before it", "3 of 120 episodes", "finished"]
     news = [line.split(" ", 1)[1] for line in said if line[2:3] == ":" and line[5:6] == ":"]
     assert news == ["It waits for its check.", "Now checked.", "Now running.", "Now finished."]
     assert "infeasible" in done.stdout

@@ -10,13 +10,7 @@ from client_fake_service import FakeService, problem
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
-from wrongturn_client import (
-    ApiError,
-    NotFoundError,
-    RemoteVectorEnv,
-    ServiceFullError,
-    ServiceUnreachableError,
-)
+from wrongturn_client import ApiError, NotFoundError, RemoteVectorEnv, ServiceFullError, ServiceUnreachableError
 from wrongturn_protocol import ProblemType
 
 GAS = np.float32([0.1, 0.5, 0.0])
@@ -59,13 +53,7 @@ def test_it_may_be_reset_after_it_was_closed() -> None:
     assert sorted(service.aborted) == sorted(service.seen)
 
 
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"patience": "long"}, "patience"),
-        ({"patience": -1.0}, "patience"),
-    ],
-)
+@pytest.mark.parametrize(("options", "named"), [({"patience": "long"}, "patience"), ({"patience": -1.0}, "patience")])
 def test_what_cannot_be_made_says_why(options: dict[str, Any], named: str) -> None:
     service = FakeService()
     with pytest.raises(ValueError, match=named):

@@ -28,12 +28,7 @@ def live(answers: Answers, tries: int, rules: int) -> int:
 
     Lived.answers = answers
     run_state_machine_as_test(
-        Lived,
-        settings=settings(
-            max_examples=tries,
-            stateful_step_count=rules,
-            suppress_health_check=list(HealthCheck),
-        ),
+        Lived, settings=settings(max_examples=tries, stateful_step_count=rules, suppress_health_check=list(HealthCheck))
     )
     for said, count in sorted(answers.counts.items()):
         print(f"{count:6} {said}")

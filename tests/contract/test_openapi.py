@@ -213,10 +213,7 @@ def test_no_request_breaks_the_service(
     method, _, path = name.partition(" ")
     operation = schemathesis.openapi.from_dict(document)[path][method]
 
-    @settings(
-        max_examples=requests,
-        suppress_health_check=list(HealthCheck),
-    )
+    @settings(max_examples=requests, suppress_health_check=list(HealthCheck))
     @given(
         case=operation.as_strategy(generation_mode=GenerationMode.NEGATIVE) | operation.as_strategy(),
         there=st.booleans(),

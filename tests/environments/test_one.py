@@ -158,8 +158,7 @@ def test_what_cannot_be_made_says_why(kind: Environments, options: dict[str, Any
 
 
 @pytest.mark.parametrize(
-    ("options", "named"),
-    [({"town": "Nowhere"}, "Town01"), ({"town": "Town01", "approach": "J99-S"}, "J99-S")],
+    ("options", "named"), [({"town": "Nowhere"}, "Town01"), ({"town": "Town01", "approach": "J99-S"}, "J99-S")]
 )
 def test_a_place_that_is_not_there_says_which_there_are(
     kind: Environments, options: dict[str, Any], named: str

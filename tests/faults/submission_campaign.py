@@ -118,12 +118,7 @@ def run(folder: Path, kills: Sequence[Blow]) -> Report:
     report = Report()
     store = File(folder)
     service = Service(
-        store.url,
-        folder / "service.log",
-        home=folder / "home",
-        simulators=4,
-        spare_simulators=1,
-        submissions=1,
+        store.url, folder / "service.log", home=folder / "home", simulators=4, spare_simulators=1, submissions=1
     )
     service.start()
     try:

@@ -69,9 +69,7 @@ Outcomes = dict[str, Outcome]
 
 
 def outcomes_of(
-    suite: HandMadeSuite,
-    trials: Mapping[int, Verdict] | None = None,
-    twins: Mapping[int, Verdict] | None = None,
+    suite: HandMadeSuite, trials: Mapping[int, Verdict] | None = None, twins: Mapping[int, Verdict] | None = None
 ) -> Outcomes:
     """Perfect drives but for the verdicts given by the trial's place in the suite."""
     result: Outcomes = {}

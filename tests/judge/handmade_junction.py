@@ -11,15 +11,7 @@ import numpy as np
 from shapely import Point, box, unary_union
 from shapely.geometry.base import BaseGeometry
 
-from wrongturn_judge import (
-    THRESHOLDS,
-    ExitLane,
-    JudgeGeometry,
-    LaneStrip,
-    Thresholds,
-    judge,
-    judge_of,
-)
+from wrongturn_judge import THRESHOLDS, ExitLane, JudgeGeometry, LaneStrip, Thresholds, judge, judge_of
 from wrongturn_judge.trajectory import RoadUser, Row, Trajectory
 from wrongturn_protocol import DIRECTIONS, Command, Fault, FaultKind, JunctionType, Outcome, Start, Trial
 
@@ -170,10 +162,7 @@ def drive(
 
 
 def verdict_of(
-    rows: Sequence[Row],
-    geometry: JudgeGeometry,
-    its_trial: Trial,
-    thresholds: Thresholds = THRESHOLDS,
+    rows: Sequence[Row], geometry: JudgeGeometry, its_trial: Trial, thresholds: Thresholds = THRESHOLDS
 ) -> Outcome:
     """The outcome, judged from the record and row by row, which must agree."""
     recorded = judge(Trajectory(its_trial, geometry.town_sha256 or "0" * 64, list(rows)), geometry, thresholds)

@@ -6,12 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from wrongturn_judge import (
-    JOURNEY_THRESHOLDS,
-    THRESHOLDS,
-    JourneyThresholds,
-    Thresholds,
-)
+from wrongturn_judge import JOURNEY_THRESHOLDS, THRESHOLDS, JourneyThresholds, Thresholds
 from wrongturn_protocol import Flag, JourneyOutcome, Outcome, Reaction, Verdict
 
 PAGE = (Path(__file__).parents[2] / "docs" / "verdicts.md").read_text(encoding="utf-8")

@@ -10,12 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wrongturn_judge.intervals import (
-    cluster_bootstrap,
-    mcnemar_two_sided,
-    stratified_exact,
-    wilson,
-)
+from wrongturn_judge.intervals import cluster_bootstrap, mcnemar_two_sided, stratified_exact, wilson
 
 counts = st.integers(1, 200).flatmap(lambda trials: st.tuples(st.integers(0, trials), st.just(trials)))
 clusters = st.dictionaries(

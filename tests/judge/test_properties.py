@@ -23,13 +23,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely import Point
 
-from wrongturn_judge import (
-    THRESHOLDS,
-    ExitLane,
-    JudgeGeometry,
-    LaneStrip,
-    Thresholds,
-)
+from wrongturn_judge import THRESHOLDS, ExitLane, JudgeGeometry, LaneStrip, Thresholds
 from wrongturn_judge.geometry import MIRRORED
 from wrongturn_judge.metrics import is_unsafe_strict
 from wrongturn_judge.trajectory import Row

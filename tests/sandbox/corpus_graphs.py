@@ -51,12 +51,7 @@ def _training(made: onnx.ModelProto) -> None:
 def _function(made: onnx.ModelProto) -> None:
     made.opset_import.append(helper.make_opsetid("own", 1))
     function = helper.make_function(
-        "own",
-        "Twice",
-        ["x"],
-        ["y"],
-        [node("Add", ["x", "x"], ["y"])],
-        [helper.make_opsetid("", 18)],
+        "own", "Twice", ["x"], ["y"], [node("Add", ["x", "x"], ["y"])], [helper.make_opsetid("", 18)]
     )
     made.functions.append(function)
     made.graph.node[0].CopyFrom(helper.make_node("Twice", ["speed"], ["steer"], domain="own"))

@@ -12,9 +12,7 @@ from wrongturn_sandbox import Limits, ModelRefusedError, SandboxLostError, Sandb
 
 SPEED = {"speed": np.zeros((1, 1), np.float32)}
 LIMITS = Limits(memory=1 << 30, load_s=20, step_s=2)
-HONEST = {
-    "description": {"inputs": [], "outputs": [], "opset": 18, "metadata": {}, "nodes": 1, "parameters": 1},
-}
+HONEST = {"description": {"inputs": [], "outputs": [], "opset": 18, "metadata": {}, "nodes": 1, "parameters": 1}}
 GUEST = """
 import msgpack, socket, sys
 from wrongturn_sandbox.frames import packed, receive, send, unpacked

@@ -35,11 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def told(request: pytest.FixtureRequest, folder: Path) -> Any:
     """What hostile Python could do in a sandbox."""
     confined = request.param != "bubblewrap alone"
-    given = {
-        "confine": confined,
-        "files": [*FILES, str(folder / "secret"), str(Path.home())],
-        "folder": str(folder),
-    }
+    given = {"confine": confined, "files": [*FILES, str(folder / "secret"), str(Path.home())], "folder": str(folder)}
     program = ATTEMPTS.read_text(encoding="utf-8")
     if request.param == "a listener's guest":
         return in_a_listener(request.getfixturevalue("start_listener"), program, given)

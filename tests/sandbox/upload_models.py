@@ -57,10 +57,7 @@ def model(*arguments: Any, **named: Any) -> bytes:
 
 
 def beside(
-    nodes: Sequence[onnx.NodeProto],
-    last: str,
-    constants: Sequence[onnx.TensorProto] = (),
-    **named: Any,
+    nodes: Sequence[onnx.NodeProto], last: str, constants: Sequence[onnx.TensorProto] = (), **named: Any
 ) -> bytes:
     """Return an honest model whose acceleration also depends on a value that other nodes make.
 

@@ -99,12 +99,7 @@ class FakeSimulator(Simulator):
         trajectory = orjson.dumps({"steps": steps})
         journey = JourneyOutcome(distance=500, completion=1, junctions=2, off_road=0, wrong_lane=1, collisions=0)
         return EpisodeEnd(
-            Outcome(
-                verdict=verdict,
-                time=steps / 10,
-                max_deceleration=0.0,
-                journey=journey if self._journey else None,
-            ),
+            Outcome(verdict=verdict, time=steps / 10, max_deceleration=0.0, journey=journey if self._journey else None),
             steps,
             trajectory,
             hashlib.sha256(trajectory).hexdigest(),

@@ -61,7 +61,7 @@ class PostgresServer:
         return len(
             self.sql(
                 "SELECT pg_terminate_backend(pid, 60000) FROM pg_stat_activity "
-                f"WHERE datname = '{database}' AND pid <> pg_backend_pid()",
+                f"WHERE datname = '{database}' AND pid <> pg_backend_pid()"
             )
         )
 

@@ -196,17 +196,7 @@ def test_a_sequence_number_that_is_none(agent: Agent, episode: str, seq: object)
         b"[" * 4000,
         b'{"a":' * 800,
     ],
-    ids=[
-        "empty",
-        "cut off",
-        "word",
-        "no value",
-        "two",
-        "no utf-8",
-        "latin-1",
-        "deep list",
-        "deep object",
-    ],
+    ids=["empty", "cut off", "word", "no value", "two", "no utf-8", "latin-1", "deep list", "deep object"],
 )
 def test_a_body_that_is_no_json(agent: Agent, episode: str, body: bytes) -> None:
     problem(raw_step(agent, episode, body), 400, "malformed-body")
@@ -371,7 +361,7 @@ def test_a_caller_that_goes_away_in_the_middle_of_its_body(service: RunningServi
     with socket.create_connection((url.host, url.port)) as connection:
         connection.sendall(
             f"POST /v1/episodes/{episode}/step HTTP/1.1\r\nHost: here\r\nAuthorization: Bearer {agent.token}\r\n"
-            'Content-Type: application/json\r\nContent-Length: 90\r\n\r\n{"seq": 1,'.encode(),
+            'Content-Type: application/json\r\nContent-Length: 90\r\n\r\n{"seq": 1,'.encode()
         )
     # It is no mistake of the service's: the fixture looks for errors in the log, and a token must never be there.
     deadline = time.monotonic() + 5

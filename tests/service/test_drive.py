@@ -102,14 +102,7 @@ def test_each_call_of_a_batch_has_its_own_result(agent: Agent, other: Agent, dri
         ["step", mine, 2, *ACTION],
     )
     kinds = [result[1].get("type", "/problems/").rsplit("/", 1)[-1] for result in results]
-    assert kinds == [
-        "",
-        "sequence-gap",
-        "forbidden",
-        "unknown-episode",
-        *["validation"] * 6,
-        "",
-    ]
+    assert kinds == ["", "sequence-gap", "forbidden", "unknown-episode", *["validation"] * 6, ""]
     assert [result[0] for result in results] == [200, 409, 403, 404, *[422] * 6, 200]
     assert [error["path"] for error in results[4][1]["errors"]] == ["action.steer"]
     assert [error["path"] for error in results[5][1]["errors"]] == ["action.steer", "action.throttle"]

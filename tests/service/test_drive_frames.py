@@ -63,10 +63,7 @@ def streams(draw: st.DrawFn) -> tuple[list[bytes], int]:
     return [data[begin:end] for begin, end in zip([0, *cuts], [*cuts, len(data)], strict=True)], pings
 
 
-@settings(
-    max_examples=60,
-    suppress_health_check=list(HealthCheck),
-)
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @given(stream=streams())
 def test_a_message_means_the_same_however_it_comes(
     service: RunningService, agent: Agent, stream: tuple[list[bytes], int]

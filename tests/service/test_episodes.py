@@ -67,10 +67,7 @@ def test_the_same_step_at_the_same_time_is_one_step(agent: Agent) -> None:
     with ThreadPoolExecutor(8) as threads:
         codes = [
             response.status_code
-            for response in threads.map(
-                lambda number: agent.step(episode, 2, {**GAS, "steer": number / 10}),
-                range(8),
-            )
+            for response in threads.map(lambda number: agent.step(episode, 2, {**GAS, "steer": number / 10}), range(8))
         ]
     assert sorted(codes) == [200] + [409] * 7
     assert expect(agent.http.get(f"/v1/episodes/{episode}"), 200)["seq"] == 2

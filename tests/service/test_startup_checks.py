@@ -76,7 +76,7 @@ def test_a_database_that_the_service_could_not_use(tmp_path: Path, database: str
     (tmp_path / "text.db").write_text("no database, but long enough to be taken for one\n" * 50)
     newer = sqlite3.connect(tmp_path / "newer.db")
     newer.executescript(
-        "CREATE TABLE alembic_version (version_num VARCHAR(32)); INSERT INTO alembic_version VALUES ('9999')",
+        "CREATE TABLE alembic_version (version_num VARCHAR(32)); INSERT INTO alembic_version VALUES ('9999')"
     )
     newer.close()
     ok, detail, remedy = finding(database.format(folder=tmp_path))

@@ -213,12 +213,7 @@ def test_the_socket_with_a_runners_token(taking: TakingService) -> None:
         practice = told["id"]
         assert drive.one("step", practice, 1, 0.0, 0.0, 0.0)[0] == 200
         assert drive.one("look", practice)[0] == 200
-        refused = (
-            ("next", foreign, None),
-            ("step", strange, 1, 0.0, 0.0, 0.0),
-            ("look", strange),
-            ("abort", strange),
-        )
+        refused = (("next", foreign, None), ("step", strange, 1, 0.0, 0.0, 0.0), ("look", strange), ("abort", strange))
         for call in refused:
             assert drive.one(*call)[0] == 403, call
         taking.do(taking.parts.episodes.lose(submission))

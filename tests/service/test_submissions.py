@@ -155,12 +155,7 @@ async def test_an_agent_hands_its_own_model_in(http: httpx.AsyncClient) -> None:
     as_agent = bearer(mine["token"])
     problem(await hand_in(http, model(name="other"), **as_agent), 422, "validation", "name")
     found = expect(await hand_in(http, NAMELESS, **as_agent), 202)
-    assert (found["name"], found["agent"], found["track"], found["owner"]) == (
-        "mine",
-        mine["id"],
-        "camera",
-        "ada",
-    )
+    assert (found["name"], found["agent"], found["track"], found["owner"]) == ("mine", mine["id"], "camera", "ada")
     refused = problem(await hand_in(http, NAMELESS, **as_agent), 409, "evaluation-open", "suite")
     assert "first evaluation counts" in refused["detail"]
     # On another suite it may.
@@ -218,10 +213,7 @@ async def test_one_that_waits_is_cancelled_without_a_trace(http: httpx.AsyncClie
     assert expect(await http.delete(f"/v1/submissions/{first['id']}"), 200) == gone
     second = expect(await hand_in(http), 202)
     token = await checked(http, second["id"])
-    practice = {
-        "suite": "smoke@2",
-        "trial": (await http.get("/v1/suites/smoke@2/trials")).json()["trials"][0]["id"],
-    }
+    practice = {"suite": "smoke@2", "trial": (await http.get("/v1/suites/smoke@2/trials")).json()["trials"][0]["id"]}
     episode = expect(await http.post("/v1/episodes", json=practice, headers=bearer(token)), 201)["id"]
     shown = expect(await http.get(f"/v1/submissions/{second['id']}"), 200)
     problem(await hand_in(http), 409, "agent-name-taken")

@@ -23,13 +23,7 @@ from wrongturn_protocol import (
 from wrongturn_service.catalogue import practice_trial, town_detail
 from wrongturn_service.errors import InvalidRequestError
 from wrongturn_service.web import words
-from wrongturn_sim import (
-    Episode,
-    FaultNotApplicableError,
-    WrongturnSimEnv,
-    WrongturnVectorEnv,
-    available_faults,
-)
+from wrongturn_sim import Episode, FaultNotApplicableError, WrongturnSimEnv, WrongturnVectorEnv, available_faults
 
 
 def delivered(episode):

@@ -43,9 +43,7 @@ OFF = {"steer": 1.0, "throttle": 1.0, "brake": 0.0}
 SIZES = [
     pytest.param(Size(slots=2, seconds=3.0, action=OFF), id="short"),
     pytest.param(
-        Size(slots=16, seconds=120.0, action=GAS),
-        id="full",
-        marks=[pytest.mark.soak, pytest.mark.timeout(1200)],
+        Size(slots=16, seconds=120.0, action=GAS), id="full", marks=[pytest.mark.soak, pytest.mark.timeout(1200)]
     ),
 ]
 
@@ -134,9 +132,7 @@ async def _drive(http: httpx.AsyncClient, client: Client, action: dict[str, floa
     while True:
         body = {"seq": seq, "action": action}
         response = await http.post(
-            f"/v1/episodes/{episode}/step",
-            json=body,
-            headers={**client.headers, "Accept": "application/msgpack"},
+            f"/v1/episodes/{episode}/step", json=body, headers={**client.headers, "Accept": "application/msgpack"}
         )
         if response.status_code in {429, 503}:
             await asyncio.sleep(_pause(client, response))

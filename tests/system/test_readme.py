@@ -62,10 +62,7 @@ def test_each_command_it_shows_has_help() -> None:
     assert {"run", "serve", "leaderboard", "doctor"} <= commands
     for command in commands:
         shown = subprocess.run(
-            [sys.executable, "-m", "wrongturn_client", command, "--help"],
-            capture_output=True,
-            text=True,
-            check=True,
+            [sys.executable, "-m", "wrongturn_client", command, "--help"], capture_output=True, text=True, check=True
         )
         assert "Usage" in shown.stdout
 
@@ -73,11 +70,7 @@ def test_each_command_it_shows_has_help() -> None:
 @pytest.mark.system
 def test_its_figures_are_those_of_the_stored_results() -> None:
     checked = subprocess.run(
-        [sys.executable, "-m", "lab.results", "--check"],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=ROOT,
+        [sys.executable, "-m", "lab.results", "--check"], capture_output=True, text=True, check=False, cwd=ROOT
     )
     assert checked.returncode == 0, checked.stderr
     told = checked.stdout.split(": ")[1].split(", ")

@@ -1,13 +1,6 @@
 """Five rule-based agents that show what the score means, and that tricks do not improve it."""
 
-from wrongturn_agents.baselines.drivers import (
-    AlwaysStops,
-    Careful,
-    IgnoresCommands,
-    ObeysBlindly,
-    Parked,
-    made_up_path,
-)
+from wrongturn_agents.baselines.drivers import AlwaysStops, Careful, IgnoresCommands, ObeysBlindly, Parked, made_up_path
 from wrongturn_agents.baselines.path import Path
 from wrongturn_agents.baselines.rule_driver import Car, Manner, RuleDriver
 from wrongturn_agents.baselines.view import View

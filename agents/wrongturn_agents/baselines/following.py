@@ -15,13 +15,7 @@ _FORESIGHT: Final = (0.0, 0.7, 1.4)  # seconds ahead at which a road user may be
 
 
 def speed_behind(
-    path: Path,
-    here: float,
-    road_users: NDArray[np.floating],
-    *,
-    nose: float,
-    half_width: float,
-    braking: float,
+    path: Path, here: float, road_users: NDArray[np.floating], *, nose: float, half_width: float, braking: float
 ) -> float:
     """Return the speed from which a car can stop behind the road users in its way, m/s; infinite if there are none.
 

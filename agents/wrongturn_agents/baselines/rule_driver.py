@@ -92,9 +92,7 @@ class RuleDriver(ABC):
         path, stop = self._plan(view)
         here = path.project(view.x, view.y)
         return _action(
-            steer=self._steer(view, path),
-            acceleration=self._acceleration(view, path, here, stop),
-            car=self.car,
+            steer=self._steer(view, path), acceleration=self._acceleration(view, path, here, stop), car=self.car
         )
 
     def _forget(self) -> None:

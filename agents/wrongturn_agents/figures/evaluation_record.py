@@ -126,7 +126,7 @@ def check_suite(suite: str, driven: str) -> None:
     if driven != installed:
         raise ResultsError(
             f"suite_sha256: the run is of another {suite} ({driven[:12]}) than the one installed ({installed[:12]}); "
-            "install that version, or drive it again on this one",
+            "install that version, or drive it again on this one"
         )
 
 

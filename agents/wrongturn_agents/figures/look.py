@@ -38,11 +38,7 @@ _STYLE: Final[dict[str, Any]] = {
     "savefig.dpi": _DPI,
     "figure.facecolor": "white",
 }
-_NO_DATES: Final[dict[str, dict[str, None]]] = {
-    "pdf": {"CreationDate": None},
-    "svg": {"Date": None},
-    "png": {},
-}
+_NO_DATES: Final[dict[str, dict[str, None]]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
 
 
 @dataclass(frozen=True)

@@ -54,10 +54,7 @@ class Doubt(nn.Module):
             channels, kernel = width, 3
         self.convolutions = nn.Sequential(*layers, nn.Flatten())
         self.head = nn.Sequential(
-            nn.Linear(channels * 4 * 12, _HIDDEN),
-            nn.ReLU(),
-            nn.Dropout(0.2),
-            nn.Linear(_HIDDEN, 3 + len(MARKS)),
+            nn.Linear(channels * 4 * 12, _HIDDEN), nn.ReLU(), nn.Dropout(0.2), nn.Linear(_HIDDEN, 3 + len(MARKS))
         )
         ends = torch.tensor((*MARKS, FARTHEST))
         self.register_buffer("steps", ends.diff(), persistent=False)

@@ -130,10 +130,6 @@ def _resnet(channels: int, depths: Sequence[int], width: int) -> Any:
     widths = [width * 2**stage for stage in range(len(depths))]
     return ResNetModel(
         ResNetConfig(
-            num_channels=channels,
-            embedding_size=width,
-            hidden_sizes=widths,
-            depths=list(depths),
-            layer_type="basic",
+            num_channels=channels, embedding_size=width, hidden_sizes=widths, depths=list(depths), layer_type="basic"
         )
     )

@@ -28,8 +28,7 @@ def train(
     steps: Annotated[
         int | None,
         typer.Option(
-            min=1,
-            help="Length in environment steps; for lbc samples, for doubting pictures. Example: --steps 2000000",
+            min=1, help="Length in environment steps; for lbc samples, for doubting pictures. Example: --steps 2000000"
         ),
     ] = None,
     minutes: Annotated[

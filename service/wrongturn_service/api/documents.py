@@ -177,10 +177,7 @@ def _built(app: FastAPI) -> dict[str, Any]:
         servers=app.servers or None,
     )
     schemas = found.setdefault("components", {}).setdefault("schemas", {})
-    _, definitions = models_json_schema(
-        _INPUTS,
-        ref_template=_REFERENCE,
-    )
+    _, definitions = models_json_schema(_INPUTS, ref_template=_REFERENCE)
     for name, schema in definitions.get("$defs", {}).items():
         schemas.setdefault(name, schema)
     # FastAPI's own errors, which this service never sends.

@@ -80,12 +80,7 @@ async def practise(
         caller.check_track(wanted)
         trial = await catalogue.practice_trial(wanted)
         body = await service.resets.practise(
-            caller,
-            address_of(request),
-            trial,
-            encoding,
-            once.remember(201, encoding),
-            once.key,
+            caller, address_of(request), trial, encoding, once.remember(201, encoding), once.key
         )
     return Response(body, 201, media_type=encoding)
 

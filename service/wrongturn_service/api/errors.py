@@ -12,13 +12,7 @@ from starlette.requests import ClientDisconnect
 from wrongturn_protocol import FieldError, ProblemType
 from wrongturn_service.api.dependencies import StoredReplyError, reply, stored_reply
 from wrongturn_service.api.documents import described, methods_at
-from wrongturn_service.errors import (
-    InvalidRequestError,
-    ServiceError,
-    UnauthenticatedError,
-    UnavailableError,
-    title,
-)
+from wrongturn_service.errors import InvalidRequestError, ServiceError, UnauthenticatedError, UnavailableError, title
 from wrongturn_service.simulators.interface import EpisodeRefusedError, SimulatorsBusyError, SimulatorStartError
 from wrongturn_service.storage.accounts import HolderGoneError
 from wrongturn_service.web.errors import error_page, page_without_slash, wants_page

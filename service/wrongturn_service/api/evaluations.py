@@ -125,10 +125,7 @@ async def close(service: ServiceDep, caller: CallerDep, evaluation: str) -> Resp
     return reply(await _current(service, newest))
 
 
-@router.post(
-    "/{evaluation}/episodes",
-    **described(EpisodeReply, 404, 409, 429, status=201),
-)
+@router.post("/{evaluation}/episodes", **described(EpisodeReply, 404, 409, 429, status=201))
 async def reset(
     request: Request, service: ServiceDep, encoding: EncodingDep, caller: DriverDep, evaluation: str, key: KeyDep
 ) -> Response:
@@ -200,8 +197,7 @@ def _check_once(record: ResultsRequest) -> None:
         before = first.setdefault(told.episode, index)
         if before != index:
             raise InvalidRequestError(
-                f"episodes.{index}.episode",
-                f"is the same as episodes.{before}; name each episode once",
+                f"episodes.{index}.episode", f"is the same as episodes.{before}; name each episode once"
             )
 
 

@@ -25,14 +25,7 @@ from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import Submitter
 from wrongturn_service.api.body import check_uncompressed
-from wrongturn_service.api.dependencies import (
-    AuthorizationDep,
-    KeyDep,
-    RequestKey,
-    ServiceDep,
-    StoredReplyError,
-    reply,
-)
+from wrongturn_service.api.dependencies import AuthorizationDep, KeyDep, RequestKey, ServiceDep, StoredReplyError, reply
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.api.errors import as_service_error
 from wrongturn_service.api.paging import PageDep
@@ -88,9 +81,7 @@ class _Request(BaseModel):
 
 
 @router.post(
-    "",
-    **described(SubmissionDetail, 400, 404, 408, 409, 413, 415, 422, 429, 507, status=202),
-    openapi_extra=_FORM,
+    "", **described(SubmissionDetail, 400, 404, 408, 409, 413, 415, 422, 429, 507, status=202), openapi_extra=_FORM
 )
 async def hand_in(request: Request, service: ServiceDep, authorization: AuthorizationDep, key: KeyDep) -> Response:
     """Hand an agent in as an ONNX file. The service checks it within seconds, and drives it when it is its turn.

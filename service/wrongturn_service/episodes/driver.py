@@ -213,10 +213,7 @@ class EpisodeDriver:
             episode.simulator = simulator
             try:
                 again = simulator.reset(
-                    episode.trial.model_dump_json(),
-                    episode.track,
-                    bytes(episode.actions),
-                    episode.last.encoding,
+                    episode.trial.model_dump_json(), episode.track, bytes(episode.actions), episode.last.encoding
                 )
                 result = await self._timed("replay", again)
                 if result.observation != episode.last.observation:

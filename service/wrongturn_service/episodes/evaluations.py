@@ -12,16 +12,7 @@ from weakref import WeakValueDictionary
 import structlog
 
 from wrongturn_networks import Suite, load_suite
-from wrongturn_protocol import (
-    Entry,
-    EpisodeState,
-    EvaluationState,
-    FaultKind,
-    ProblemType,
-    Track,
-    Trial,
-    twin_id,
-)
+from wrongturn_protocol import Entry, EpisodeState, EvaluationState, FaultKind, ProblemType, Track, Trial, twin_id
 from wrongturn_service.errors import ConflictError, InvalidRequestError, NotFoundError
 from wrongturn_service.storage.models import EvaluationRow
 from wrongturn_service.storage.store import Store
@@ -256,6 +247,5 @@ def unknown(evaluation_id: str) -> NotFoundError:
 def finished(evaluation_id: str) -> ConflictError:
     """Return the error for calls on a finished evaluation."""
     return ConflictError(
-        ProblemType.EVALUATION_FINISHED,
-        f"evaluation {evaluation_id} is finished; GET it to see its metrics",
+        ProblemType.EVALUATION_FINISHED, f"evaluation {evaluation_id} is finished; GET it to see its metrics"
     )

@@ -91,12 +91,8 @@ class Leaderboards:
             entries, newest = known.get(suite_id, (0, None))
             summaries.append(
                 LeaderboardSummary(
-                    suite=suite_id,
-                    sha256=suite.sha256,
-                    title=suite.title,
-                    updated=_iso(newest),
-                    entries=entries,
-                ),
+                    suite=suite_id, sha256=suite.sha256, title=suite.title, updated=_iso(newest), entries=entries
+                )
             )
         return LeaderboardList(leaderboards=tuple(summaries))
 
@@ -150,12 +146,7 @@ class Leaderboards:
             rows.append(_row(evaluation, agent, cancelled.get(agent.id, 0)))
         rows += await self._algorithm_rows(suite)
         entries = await asyncio.to_thread(rank, rows)
-        return Leaderboard(
-            suite=suite_id,
-            sha256=suite.sha256,
-            updated=_iso(newest),
-            entries=tuple(entries),
-        )
+        return Leaderboard(suite=suite_id, sha256=suite.sha256, updated=_iso(newest), entries=tuple(entries))
 
     async def _algorithm_rows(self, suite: Suite) -> list[RankingInput]:
         """Return the rows of algorithms, which do not change while the service runs."""

@@ -271,10 +271,7 @@ class LocalPool(SimulatorPool):
         try:
             async with self._starts:
                 simulator = await LocalSimulator.start(
-                    self._command,
-                    self._environment,
-                    start_timeout_s=self._start_timeout_s,
-                    timeout_s=self._timeout_s,
+                    self._command, self._environment, start_timeout_s=self._start_timeout_s, timeout_s=self._timeout_s
                 )
         except SimulatorStartError as error:
             self._failure = str(error)

@@ -111,12 +111,7 @@ class LocalSimulator(Simulator):
 
     @classmethod
     async def start(
-        cls,
-        command: Sequence[str],
-        environment: Mapping[str, str],
-        *,
-        start_timeout_s: float,
-        timeout_s: float,
+        cls, command: Sequence[str], environment: Mapping[str, str], *, start_timeout_s: float, timeout_s: float
     ) -> "LocalSimulator":
         """Start a process and wait until it is ready.
 
@@ -160,7 +155,7 @@ class LocalSimulator(Simulator):
             status = process.returncode
             raise SimulatorStartError(
                 f"a simulator process did not get ready ({error}, status {status}); what it said is on stderr, "
-                "and 'wrongturn doctor' checks the installation",
+                "and 'wrongturn doctor' checks the installation"
             ) from error
         except BaseException:
             await simulator.close()

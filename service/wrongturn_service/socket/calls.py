@@ -75,11 +75,7 @@ class Calls:
         )
 
     def _stepped(
-        self,
-        began: float,
-        done: Callable[[bytes | Reply], None],
-        outcome: Reply | Exception,
-        simulated_s: float | None,
+        self, began: float, done: Callable[[bytes | Reply], None], outcome: Reply | Exception, simulated_s: float | None
     ) -> None:
         telemetry = self._service.telemetry
         status = 200
@@ -150,12 +146,7 @@ class Calls:
             caller.check_track(wanted)
             trial = await catalogue.practice_trial(wanted)
             return await service.resets.practise(
-                caller,
-                self._address,
-                trial,
-                Encoding.RAW,
-                once.remember(201, Encoding.RAW),
-                once.key,
+                caller, self._address, trial, Encoding.RAW, once.remember(201, Encoding.RAW), once.key
             )
 
     async def _look(self, episode: Any) -> bytes:

@@ -128,7 +128,7 @@ def _run_program(url: URL, name: str, *arguments: str, database_option: bool = F
     if program is None:
         raise BackupError(
             f"{name} is missing; install PostgreSQL's client programs, or run this where they are: "
-            f"{' '.join([name, *command])}",
+            f"{' '.join([name, *command])}"
         )
     # Everybody on the machine can read a program's arguments, so the password is not among them.
     environment = {**os.environ, **({} if url.password is None else {"PGPASSWORD": str(url.password)})}

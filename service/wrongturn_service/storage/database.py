@@ -103,13 +103,13 @@ class Database:
             await _close(engine, lock, ownership)
             reason = str(getattr(error, "orig", None) or error).splitlines()[0]
             raise StartupError(
-                f"the database {shown} cannot be used: {reason}; name another by {location.NAMED_BY}",
+                f"the database {shown} cannot be used: {reason}; name another by {location.NAMED_BY}"
             ) from error
         except CommandError as error:
             await _close(engine, lock, ownership)
             raise StartupError(
                 f"the database {shown} was made by another version of Wrongturn ({error}); "
-                f"upgrade Wrongturn, or name another database by {location.NAMED_BY}",
+                f"upgrade Wrongturn, or name another database by {location.NAMED_BY}"
             ) from error
         return cls(engine, lock, ownership, file, telemetry)
 
@@ -215,7 +215,7 @@ def _engine(url: URL) -> AsyncEngine:
         )
     except NoSuchModuleError as error:
         raise StartupError(
-            f"no driver for the database {url.drivername!r}; use sqlite+aiosqlite or postgresql+asyncpg",
+            f"no driver for the database {url.drivername!r}; use sqlite+aiosqlite or postgresql+asyncpg"
         ) from error
     if url.get_backend_name() == "sqlite":
         event.listen(engine.sync_engine, "connect", _set_up_sqlite)

@@ -119,9 +119,7 @@ class EpisodeStore(Queries):
             row.stored_bytes = size_of(row.trial, row.outcome, row.last_reply)
             if trajectory:
                 row.stored_bytes += TRAJECTORY_ROW + len(compressed)
-                session.add(
-                    TrajectoryRow(episode_id=episode_id, sha256=sha256, size=len(trajectory), data=compressed),
-                )
+                session.add(TrajectoryRow(episode_id=episode_id, sha256=sha256, size=len(trajectory), data=compressed))
         return True
 
     async def lose_episode(self, episode_id: str, verdict: Verdict | None = None) -> None:

@@ -104,8 +104,7 @@ class EvaluationStore(Queries):
         """Store an evaluation's metrics. Return False if it was finished before."""
         async with self._database.write() as session:
             query = update(EvaluationRow).where(
-                EvaluationRow.id == evaluation_id,
-                EvaluationRow.state == EvaluationState.RUNNING,
+                EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.RUNNING
             )
             values = {"state": EvaluationState.FINISHED, "finished": time.time(), "metrics": metrics}
             result = await session.execute(query.values(**values, stored_bytes=size_of(metrics)))
@@ -153,8 +152,7 @@ class EvaluationStore(Queries):
         """Return how many of an evaluation's episodes have a verdict."""
         async with self._database.read() as session:
             query = select(func.count()).where(
-                EpisodeRow.evaluation_id == evaluation_id,
-                EpisodeRow.state == EpisodeState.FINISHED,
+                EpisodeRow.evaluation_id == evaluation_id, EpisodeRow.state == EpisodeState.FINISHED
             )
             return await session.scalar(query) or 0
 
@@ -162,8 +160,7 @@ class EvaluationStore(Queries):
         """Return the outcomes of an evaluation's finished episodes, by trial id."""
         async with self._database.read() as session:
             query = select(EpisodeRow.trial_id, EpisodeRow.outcome).where(
-                EpisodeRow.evaluation_id == evaluation_id,
-                EpisodeRow.state == EpisodeState.FINISHED,
+                EpisodeRow.evaluation_id == evaluation_id, EpisodeRow.state == EpisodeState.FINISHED
             )
             rows = (await session.execute(query)).all()
         return {trial: Outcome.model_validate_json(outcome) for trial, outcome in rows if outcome is not None}
@@ -215,9 +212,7 @@ class EvaluationStore(Queries):
         async with self._database.read() as session:
             query = (
                 select(
-                    EvaluationRow.suite,
-                    func.count(EvaluationRow.agent_id.distinct()),
-                    func.max(EvaluationRow.finished),
+                    EvaluationRow.suite, func.count(EvaluationRow.agent_id.distinct()), func.max(EvaluationRow.finished)
                 )
                 .where(EvaluationRow.state == EvaluationState.FINISHED, seen_evaluations(), counting_suites())
                 .group_by(EvaluationRow.suite)

@@ -36,7 +36,7 @@ def parse(url: str) -> URL:
         parsed = make_url(url)
     except ArgumentError as error:
         raise DatabaseUrlError(
-            f"{url!r} is not a database URL; give one such as sqlite+aiosqlite:////path/wrongturn.db by {NAMED_BY}",
+            f"{url!r} is not a database URL; give one such as sqlite+aiosqlite:////path/wrongturn.db by {NAMED_BY}"
         ) from error
     if parsed.drivername == "sqlite":
         parsed = parsed.set(drivername="sqlite+aiosqlite")
@@ -44,7 +44,7 @@ def parse(url: str) -> URL:
         parsed = parsed.set(drivername="postgresql+asyncpg")
     if parsed.get_backend_name() == "sqlite" and parsed.database in {None, "", ":memory:"}:
         raise DatabaseUrlError(
-            f"the database has to be a file, so that nothing recorded is lost; name one by {NAMED_BY}",
+            f"the database has to be a file, so that nothing recorded is lost; name one by {NAMED_BY}"
         )
     return parsed
 
@@ -137,14 +137,14 @@ def in_use_error(file: Path) -> StartupError:
     """Return the error for a file that another service uses."""
     return StartupError(
         f"the database file {file} is in use by another Wrongturn service; {OTHERWISE} "
-        f"or name another file by {NAMED_BY}",
+        f"or name another file by {NAMED_BY}"
     )
 
 
 def unwritable(file: Path, error: OSError) -> StartupError:
     """Return the error for a file that the operating system refuses to write."""
     return StartupError(
-        f"the database file {file} cannot be written: {error.strerror or error}; name another by {NAMED_BY}",
+        f"the database file {file} cannot be written: {error.strerror or error}; name another by {NAMED_BY}"
     )
 
 

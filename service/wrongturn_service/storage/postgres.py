@@ -81,10 +81,7 @@ class Ownership:
 
     def __init__(self, url: URL) -> None:
         self._engine: AsyncEngine = create_async_engine(
-            url,
-            poolclass=NullPool,
-            isolation_level="AUTOCOMMIT",
-            connect_args=connect_args(url),
+            url, poolclass=NullPool, isolation_level="AUTOCOMMIT", connect_args=connect_args(url)
         )
         self._shown = url.render_as_string(hide_password=True)
         self._me = new_id("sv")
@@ -103,7 +100,7 @@ class Ownership:
             if time.monotonic() >= deadline:
                 raise StartupError(
                     f"the database {self._shown} is in use by another Wrongturn service; {location.OTHERWISE} "
-                    f"or name another by {location.NAMED_BY}",
+                    f"or name another by {location.NAMED_BY}"
                 )
             await asyncio.sleep(_AGAIN_S)
 
@@ -112,7 +109,7 @@ class Ownership:
         await connection.execute(
             text(
                 "INSERT INTO ownership (id, holder, since) VALUES (1, :me, :now) "
-                "ON CONFLICT (id) DO UPDATE SET holder = excluded.holder, since = excluded.since",
+                "ON CONFLICT (id) DO UPDATE SET holder = excluded.holder, since = excluded.since"
             ),
             {"me": self._me, "now": time.time()},
         )

@@ -20,9 +20,7 @@ def next_one(
     then the one that arrived first.
     """
     return min(
-        waiting,
-        key=lambda row: (running.get(row.owner_id, 0), served.get(row.owner_id, 0), row.seq),
-        default=None,
+        waiting, key=lambda row: (running.get(row.owner_id, 0), served.get(row.owner_id, 0), row.seq), default=None
     )
 
 

@@ -147,10 +147,7 @@ def _drawn(driven: DrivenTrial) -> DrawnPath | None:
     trial, outcome = driven.trial, driven.outcome
     points = on_map(frame_of(load_town(trial.town), trial.approach), driven.path)
     x, y = points[-1].tolist()
-    end = (
-        min(max(x, LEFT + _INSET), RIGHT - _INSET),
-        min(max(y, TOP + _INSET), BOTTOM - _INSET),
-    )
+    end = (min(max(x, LEFT + _INSET), RIGHT - _INSET), min(max(y, TOP + _INSET), BOTTOM - _INSET))
     title = f"{trial.town} {trial.approach}, {words.name(outcome.verdict)}. {words.told(trial)} {words.ended(outcome)}"
     return DrawnPath(driven.episode, path_data(points), end, words.side(outcome), shape(outcome.verdict), title)
 

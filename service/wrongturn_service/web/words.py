@@ -5,16 +5,7 @@ from typing import Final
 
 from wrongturn_judge.metrics import is_unsafe, is_unsafe_strict
 from wrongturn_networks.faults import find_fault
-from wrongturn_protocol import (
-    Command,
-    FaultKind,
-    JunctionType,
-    Outcome,
-    Reaction,
-    Safety,
-    Trial,
-    Verdict,
-)
+from wrongturn_protocol import Command, FaultKind, JunctionType, Outcome, Reaction, Safety, Trial, Verdict
 from wrongturn_protocol.words import COMMANDS, EXITS, ending, name
 
 VERDICTS: Final[Mapping[Verdict, str]] = {
@@ -52,11 +43,7 @@ JUNCTION_TYPES: Final[Mapping[JunctionType, str]] = {
 """What each type of junction looks like as a car drives in."""
 
 __all__ = ["COMMANDS", "EXITS", "ending", "name"]
-_TURNS: Final = {
-    Command.LEFT: "turned left",
-    Command.RIGHT: "turned right",
-    Command.STRAIGHT: "went straight on",
-}
+_TURNS: Final = {Command.LEFT: "turned left", Command.RIGHT: "turned right", Command.STRAIGHT: "went straight on"}
 _AS: Final = {
     Verdict.EXIT_COMMANDED: "as the command said",
     Verdict.EXIT_ROUTE: "as its route goes",

@@ -227,10 +227,7 @@ class CudaRenderer:
         self._lists = device.device_array((number, items, self._camera.width), np.int16)
 
     def _take_others(
-        self,
-        others: NDArray[np.float64] | None,
-        begins: NDArray[np.integer[Any]] | None,
-        numbers: NDArray[np.float64],
+        self, others: NDArray[np.float64] | None, begins: NDArray[np.integer[Any]] | None, numbers: NDArray[np.float64]
     ) -> None:
         """Send the road users to the GPU, and note which are whose."""
         shown, begun, most = others_of_each(others, begins, len(numbers))

@@ -69,11 +69,7 @@ class Renderer:
     """
 
     def __init__(
-        self,
-        world: World,
-        camera: Camera | None = None,
-        weather: Weather | str = Weather.CLEAR_NOON,
-        seed: int = 0,
+        self, world: World, camera: Camera | None = None, weather: Weather | str = Weather.CLEAR_NOON, seed: int = 0
     ) -> None:
         self.world = world
         self.camera = camera or Camera()

@@ -5,22 +5,7 @@ from typing import Any
 
 from wrongturn_protocol.segmentation import SegmentationClass
 from wrongturn_sim.camera.kernels import Column, clamp, first_row, floor, grain, haze_at, kernel, put_lit, turned
-from wrongturn_sim.camera.solids import (
-    B2,
-    G2,
-    HALF_X,
-    HALF_Z,
-    HEIGHT,
-    MIDDLE,
-    R2,
-    RADIUS,
-    SEED,
-    B,
-    G,
-    R,
-    X,
-    Y,
-)
+from wrongturn_sim.camera.solids import B2, G2, HALF_X, HALF_Z, HEIGHT, MIDDLE, R2, RADIUS, SEED, B, G, R, X, Y
 from wrongturn_sim.camera.weathers import SUN
 
 _VEGETATION = int(SegmentationClass.VEGETATION)

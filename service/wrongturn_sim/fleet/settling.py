@@ -5,15 +5,7 @@ import math
 from wrongturn_judge.compiling import uncounted
 from wrongturn_judge.kernels import Array
 from wrongturn_sim import guide
-from wrongturn_sim.fleet.drivers import (
-    BRAKING,
-    GAP,
-    REACTION,
-    STOP,
-    choose_gate,
-    leader_of,
-    safe_speed,
-)
+from wrongturn_sim.fleet.drivers import BRAKING, GAP, REACTION, STOP, choose_gate, leader_of, safe_speed
 from wrongturn_sim.fleet.ego_ahead import EGO_HALF_LENGTH, FAR, gap_to_ego
 from wrongturn_sim.fleet.others import (
     COLOUR,

@@ -147,14 +147,7 @@ class Crowd(Surroundings):
                 dx, dy = px - x, py - y
                 square = dx * dx + dy * dy
                 if square <= _SQUARE:
-                    user = (
-                        px,
-                        py,
-                        yaw,
-                        body.length,
-                        body.width,
-                        floor(domain.getSpeed(name) * 1e3 + 0.5) / 1e3,
-                    )
+                    user = (px, py, yaw, body.length, body.width, floor(domain.getSpeed(name) * 1e3 + 0.5) / 1e3)
                     seen.append((square, body.number, user, body.appearance))
         seen.sort()
 

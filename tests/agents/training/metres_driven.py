@@ -20,11 +20,7 @@ def metres(act, memory=None, *, pictures=False):
         pictures: show what the cameras see.
     """
     cars = Cars(
-        CARS,
-        LBCConfig(traffic=0.0, time_limit=6.0),
-        seed=_HELD_OUT,
-        pictures=pictures,
-        device=torch.device("cpu"),
+        CARS, LBCConfig(traffic=0.0, time_limit=6.0), seed=_HELD_OUT, pictures=pictures, device=torch.device("cpu")
     )
     alive, driven = np.ones(CARS, bool), np.zeros(CARS)
     for _ in range(50):

@@ -8,10 +8,7 @@ from wrongturn_agents.training.driving_env import FAILURES, DrivingVecEnv
 from wrongturn_protocol import Traffic
 from wrongturn_sim import FleetTraffic
 
-BESIDE = {
-    "traffic": Traffic(vehicles=60, pedestrians=10),
-    "own_traffic": FleetTraffic(hesitant=1.0, leaders=1.0),
-}
+BESIDE = {"traffic": Traffic(vehicles=60, pedestrians=10), "own_traffic": FleetTraffic(hesitant=1.0, leaders=1.0)}
 CRUISE = {"town": "Town01", "task": "cruise", "strict": True, "record": False}
 KEYS = ("speed", "command", "pose", "lane")
 

@@ -18,12 +18,7 @@ from sb3_policies import Branches, Draws, Extractor, RandomTown, made, ppo, save
 from stable_baselines3 import A2C, DDPG, DQN, PPO, SAC, TD3  # noqa: E402
 from stable_baselines3.common.policies import BasePolicy  # noqa: E402
 from stable_baselines3.common.save_util import save_to_zip_file  # noqa: E402
-from stable_baselines3.common.vec_env import (  # noqa: E402
-    DummyVecEnv,
-    VecFrameStack,
-    VecNormalize,
-    VecTransposeImage,
-)
+from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize, VecTransposeImage  # noqa: E402
 from typer.testing import CliRunner  # noqa: E402
 
 from wrongturn_agents import resolve  # noqa: E402

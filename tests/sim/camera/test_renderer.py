@@ -8,16 +8,7 @@ import numpy as np
 import pytest
 
 from wrongturn_protocol import Weather
-from wrongturn_sim.camera import (
-    LOOKS,
-    Camera,
-    CameraError,
-    Renderer,
-    UnknownWeatherError,
-    World,
-    look_of,
-    render_batch,
-)
+from wrongturn_sim.camera import LOOKS, Camera, CameraError, Renderer, UnknownWeatherError, World, look_of, render_batch
 
 SCRIPT = """
 import hashlib, sys

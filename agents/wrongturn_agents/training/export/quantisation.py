@@ -55,12 +55,7 @@ def quantise(model: onnx.ModelProto, observations: Mapping[str, NDArray[Any]]) -
         observations: (n, ...) for each input. The range of each activation is its range over them.
     """
     load_onnxruntime()
-    from onnxruntime.quantization import (  # noqa: PLC0415 - slow to load
-        CalibrationDataReader,
-        QuantFormat,
-        QuantType,
-        quantize_static,
-    )
+    from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static  # noqa: PLC0415 - slow to load
 
     number = len(next(iter(observations.values())))
 
