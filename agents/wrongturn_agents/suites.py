@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import Final
 
 from wrongturn_agents.errors import ResultsError
-from wrongturn_client.plugins import entry_points, load
+from wrongturn_client.plugins import LOADERS, entry_points, load
 from wrongturn_protocol import Trial
 
 WRONG_COMMAND: Final = "wrong-command@2"
@@ -43,7 +43,7 @@ def installed_suite(suite: str, secret: str | None = None) -> SuiteTrials:
     Raises:
         ResultsError: No suite has this id (the error lists those that exist), or wrongturn-networks is not installed.
     """
-    point = entry_points("wrongturn.suites").get("shipped")
+    point = entry_points(LOADERS).get("suite")
     if point is None:
         raise ResultsError(
             "no suites are installed here; pip install wrongturn-networks, or 'wrongturn-service[server]' to run "

@@ -6,7 +6,7 @@ from rich.table import Table
 
 from wrongturn_client.client import Client
 from wrongturn_client.errors import WrongturnError
-from wrongturn_client.plugins import LISTINGS, TOWNS, entry_points, load
+from wrongturn_client.plugins import LISTINGS, LOADERS, entry_points, load
 from wrongturn_client.tables import head
 from wrongturn_protocol import Command, JunctionType
 from wrongturn_protocol.words import COMMANDS, name
@@ -32,7 +32,7 @@ def approaches(town: str, url: str | None) -> dict[str, Any]:
         with Client(url, patience=0) as client:
             found = client.town(town)
     else:
-        point = entry_points(TOWNS).get("shipped")
+        point = entry_points(LOADERS).get("town")
         if point is None:
             raise _not_installed("towns")
         found = load(point)(town).detail({})

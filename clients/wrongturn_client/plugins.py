@@ -19,7 +19,7 @@ from wrongturn_protocol.suggestions import did_you_mean
 COMMANDS: Final = "wrongturn.commands"
 LISTINGS: Final = "wrongturn.listings"
 CHECKS: Final = "wrongturn.checks"
-TOWNS: Final = "wrongturn.towns"
+LOADERS: Final = "wrongturn.loaders"
 _USAGE: Final = 2
 _PARTS: Final = {
     "wrongturn-networks": ("trials",),

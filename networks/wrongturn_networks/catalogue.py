@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from wrongturn_networks import loading, suites
 from wrongturn_networks.errors import NetworkError
 from wrongturn_networks.loading import load_town, town_names
 from wrongturn_networks.suites import load_suite, suite_ids
@@ -20,10 +21,13 @@ def list_towns() -> list[TownSummary]:
 
 def checks() -> Iterator[tuple[str, bool, str, str]]:
     """Yield the checks of ``wrongturn doctor``: name, whether it passed, what was found, the remedy."""
-    for what, listed in (("suites", list_suites), ("towns", list_towns)):
+    remedy = "install wrongturn-networks again"
+    for what, listed, shelf in (("suites", list_suites, suites.shelf()), ("towns", list_towns, loading.shelf())):
         try:
             found = listed()
         except (NetworkError, OSError) as error:
-            yield what, False, str(error), "install wrongturn-networks again"
+            yield what, False, str(error), remedy
         else:
-            yield what, bool(found), f"{len(found)} found, checksums right", "install wrongturn-networks again"
+            yield what, bool(found), f"{len(found)} found, checksums right", remedy
+        for label, reason in shelf.left_out.items():
+            yield what, False, f"{label} is left out: {reason}", "repair or remove its package"

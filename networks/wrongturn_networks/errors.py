@@ -25,8 +25,8 @@ class NetworkError(ValueError):
     """Base class of this package's errors; the message names the field and the remedy."""
 
 
-class _UnknownNameError(NetworkError):
-    """An unknown name; the message lists the known ones, and the one that may be meant."""
+class UnknownNameError(NetworkError):
+    """An unknown name. The message lists the known ones, and the one that may be meant."""
 
     what = "name"
 
@@ -38,31 +38,31 @@ class _UnknownNameError(NetworkError):
         super().__init__(f"{field or self.what}: {name!r} is not known; there are: {shown or 'none'}{meant}")
 
 
-class UnknownTownError(_UnknownNameError):
+class UnknownTownError(UnknownNameError):
     """No town has this name."""
 
     what = "town"
 
 
-class UnknownApproachError(_UnknownNameError):
+class UnknownApproachError(UnknownNameError):
     """The town has no such approach."""
 
     what = "approach"
 
 
-class UnknownLaneError(_UnknownNameError):
+class UnknownLaneError(UnknownNameError):
     """The town has no such car lane."""
 
     what = "lane"
 
 
-class UnknownSuiteError(_UnknownNameError):
+class UnknownSuiteError(UnknownNameError):
     """No suite has this name and version."""
 
     what = "suite"
 
 
-class UnknownTrialError(_UnknownNameError):
+class UnknownTrialError(UnknownNameError):
     """The suite has no such trial."""
 
     what = "trial"

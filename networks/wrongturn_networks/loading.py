@@ -17,6 +17,7 @@ from wrongturn_networks.junctions import Approach, Exit, Junction, arm_of, direc
 from wrongturn_networks.lanes import Lane, Line, heading_at_end, heading_at_start
 from wrongturn_networks.netfile import Net, read_net, sha256_of
 from wrongturn_networks.scenery import read_scenery, sha256_of_scenery
+from wrongturn_networks.shelf import Shelf
 from wrongturn_networks.town import Town
 from wrongturn_protocol import DIRECTIONS, JunctionType
 
@@ -24,8 +25,8 @@ TOWNS: Final = Path(__file__).parent / "towns"
 
 
 def town_names() -> tuple[str, ...]:
-    """Return the names of all towns, sorted."""
-    return tuple(sorted(folder.name for folder in TOWNS.iterdir() if (folder / "manifest.json").is_file()))
+    """Return the names of all towns, those of other packages included, sorted."""
+    return shelf().names()
 
 
 def load_town(name: str) -> Town:
@@ -35,16 +36,7 @@ def load_town(name: str) -> Town:
         UnknownTownError: there is no such town; the message lists the known ones.
         CorruptFileError: its files are broken.
     """
-    # The name may come from a stranger and becomes a path, so it must be a listed one.
-    known = town_names()
-    if name not in known:
-        raise UnknownTownError(name, known)
-    return _shipped(name)
-
-
-@functools.lru_cache(maxsize=16)
-def _shipped(name: str) -> Town:
-    return read_town(TOWNS / name)
+    return shelf().load(name)
 
 
 def read_town(directory: Path) -> Town:
@@ -65,7 +57,7 @@ def read_town(directory: Path) -> Town:
     except CorruptFileError:
         raise
     except (OSError, ValueError, KeyError, TypeError, AttributeError, SyntaxError) as error:
-        raise CorruptFileError(f"town {name}: {error}; install wrongturn-networks again") from error
+        raise CorruptFileError(f"town {name}: {error}; install its package again") from error
     lanes = _lanes(net, radii)
     approaches = _approaches(net, lanes)
     meeting = [net.junctions[junction] for junction in radii]
@@ -99,7 +91,7 @@ def read_town(directory: Path) -> Town:
 def _check(file: str, found: str, wanted: str) -> None:
     if found != wanted:
         raise CorruptFileError(
-            f"town: {file} does not match its manifest; install wrongturn-networks again, "
+            f"town: {file} does not match its manifest; install its package again, "
             "or build the town again: python -m wrongturn_networks.making towns"
         )
 
@@ -165,3 +157,10 @@ def _joined(pieces: list[Line]) -> Line:
     line: Line = points[keep]
     line.flags.writeable = False
     return line
+
+
+@functools.cache
+def shelf() -> Shelf[Town]:
+    """Return all towns by their names."""
+    folders = (file.parent for file in TOWNS.glob("*/manifest.json"))
+    return Shelf("wrongturn.towns", folders, read_town, UnknownTownError)

@@ -13,6 +13,8 @@ from pydantic import ValidationError
 
 from wrongturn_networks.draws import Draw, draw_cells
 from wrongturn_networks.errors import CorruptFileError, UnknownSuiteError
+from wrongturn_networks.loading import load_town
+from wrongturn_networks.shelf import Shelf
 from wrongturn_protocol import Cell, SuiteDetail, SuiteSummary, Track, Trial, TrialDetail, TrialList, twin_id
 
 SUITES: Final = Path(__file__).parent / "suites"
@@ -107,8 +109,8 @@ def canonical(content: Mapping[str, Any]) -> bytes:
 
 
 def suite_ids() -> tuple[str, ...]:
-    """Return the ids of all suites, sorted."""
-    return tuple(sorted(path.stem for path in SUITES.glob("*@*.json")))
+    """Return the ids of all suites, those of other packages included, sorted."""
+    return shelf().names()
 
 
 def load_suite(suite_id: str) -> Suite:
@@ -118,16 +120,7 @@ def load_suite(suite_id: str) -> Suite:
         UnknownSuiteError: there is no such suite; the message lists the known ones.
         CorruptFileError: its file does not match its checksum.
     """
-    # The id may come from a stranger and becomes a path, so it must be a listed one.
-    known = suite_ids()
-    if suite_id not in known:
-        raise UnknownSuiteError(suite_id, known)
-    return _shipped(suite_id)
-
-
-@functools.lru_cache(maxsize=64)
-def _shipped(suite_id: str) -> Suite:
-    return read_suite(SUITES / f"{suite_id}.json")
+    return shelf().load(suite_id)
 
 
 def read_suite(path: Path) -> Suite:
@@ -169,4 +162,24 @@ def read_suite(path: Path) -> Suite:
         TypeError,
         ValidationError,
     ) as error:
-        raise CorruptFileError(f"suite {path.stem}: {error}; install wrongturn-networks again") from error
+        raise CorruptFileError(f"suite {path.stem}: {error}; install its package again") from error
+
+
+def check_suite(suite: Suite) -> None:
+    """Check that the trials of a suite's open draw can be driven. Raises NetworkError."""
+    from wrongturn_networks.faults import check_fault  # noqa: PLC0415 - loads all faults
+
+    for trial in suite.episodes:
+        approach = load_town(trial.town).approach(trial.approach)
+        if trial.junction_type is not approach.type:
+            raise CorruptFileError(
+                f"suite {suite.id}: {trial.id} has the junction type {trial.junction_type}, and its approach is "
+                f"{approach.type}; write the file again"
+            )
+        check_fault(trial)
+
+
+@functools.cache
+def shelf() -> Shelf[Suite]:
+    """Return all suites by their ids."""
+    return Shelf("wrongturn.suites", SUITES.glob("*@*.json"), read_suite, UnknownSuiteError, check_suite)

@@ -9,6 +9,8 @@ import subprocess
 import sys
 from collections import Counter
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -29,8 +31,7 @@ from wrongturn_networks import (
 )
 from wrongturn_networks.draws import draw_cells
 from wrongturn_networks.faults import check_fault
-from wrongturn_networks.making import writing_suites
-from wrongturn_networks.making.writing_suites import suite_text
+from wrongturn_networks.making import write_suite
 from wrongturn_protocol import PAPER_TYPES, Cell, Command, Fault, FaultKind, JunctionType, Traffic, Trial, Weather
 
 FAULTS = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
@@ -45,6 +46,13 @@ def sha256_of(draw: Draw) -> str:
     """Return the SHA-256 of a draw's trials and twins as JSON."""
     content = [trial.model_dump(mode="json") for trial in draw.episodes]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def cell(
+    town: str, kind: JunctionType = JunctionType.LEFT_RIGHT, fault: FaultKind = FaultKind.INFEASIBLE, **given: Any
+) -> Cell:
+    """Return a cell."""
+    return Cell(town=town, junction_type=kind, fault=Fault(kind=fault), **given)
 
 
 def paper(secret: str) -> Draw:
@@ -78,10 +86,10 @@ def is_sound(trial: Trial) -> None:
 def test_a_draw_keeps_what_it_promises(secret: str) -> None:
     suite, draw = load_suite("wrong-command@2"), paper(secret)
     assert (len(draw.trials), len(draw.twins), len(draw.episodes)) == (60, 60, 120)
-    for cell, trial, twin in zip(suite.cells, draw.trials, draw.twins, strict=True):
+    for one, trial, twin in zip(suite.cells, draw.trials, draw.twins, strict=True):
         is_sound(trial)
         is_sound(twin)
-        of_the_cell = (cell.town, cell.junction_type, cell.fault, cell.weather, cell.traffic)
+        of_the_cell = (one.town, one.junction_type, one.fault, one.weather, one.traffic)
         assert (trial.town, trial.junction_type, trial.fault, trial.weather, trial.traffic) == of_the_cell
         assert twin.is_twin
         same = ("town", "approach", "junction_type", "route", "weather", "traffic")
@@ -140,8 +148,7 @@ def test_every_approach_route_and_range_is_reached() -> None:
 
 
 def test_equal_cells_beyond_the_approaches_come_again_as_evenly_as_can_be() -> None:
-    cell = Cell(town="Town01", junction_type=JunctionType.LEFT_RIGHT, fault=Fault(kind=FaultKind.OMISSION))
-    draw = draw_cells("many@1", [cell] * 31, "a secret")
+    draw = draw_cells("many@1", [cell("Town01")] * 31, "a secret")
     times = Counter(trial.approach for trial in draw.trials)
     assert len(times) == 12
     assert sorted(times.values()) == [2] * 5 + [3] * 7
@@ -151,23 +158,14 @@ def test_equal_cells_beyond_the_approaches_come_again_as_evenly_as_can_be() -> N
 
 def test_conditions_are_the_cells() -> None:
     cells = [
-        Cell(
-            town=town,
-            junction_type=JunctionType.STRAIGHT_LEFT,
-            fault=Fault(kind=FaultKind.INFEASIBLE),
-            weather=weather,
-            traffic=Traffic(vehicles=number),
-        )
+        cell(town, JunctionType.STRAIGHT_LEFT, weather=weather, traffic=Traffic(vehicles=number))
         for number, (town, weather) in enumerate(product(("Town01", "Town02"), (Weather.WET_NOON, Weather.CLEAR_NOON)))
     ]
-    for cell, trial, twin in zip(cells, *_pair(draw_cells("some@1", cells, "s")), strict=True):
+    draw = draw_cells("some@1", cells, "s")
+    for given_cell, trial, twin in zip(cells, draw.trials, draw.twins, strict=True):
         for one in (trial, twin):
             is_sound(one)
-            assert (one.town, one.weather, one.traffic) == (cell.town, cell.weather, cell.traffic)
-
-
-def _pair(draw: Draw) -> tuple[tuple[Trial, ...], tuple[Trial, ...]]:
-    return draw.trials, draw.twins
+            assert (one.town, one.weather, one.traffic) == (given_cell.town, given_cell.weather, given_cell.traffic)
 
 
 def test_the_same_secret_gives_the_same_trials_for_ever() -> None:
@@ -240,30 +238,34 @@ def test_a_secret_that_is_none(secret: str, why: str) -> None:
             draws(secret)
 
 
-def test_an_unknown_town_is_named_with_its_cell() -> None:
-    cell = Cell(town="Town01", junction_type=JunctionType.LEFT_RIGHT, fault=Fault(kind=FaultKind.OMISSION))
+def test_a_cell_that_cannot_be_drawn_is_named() -> None:
     with pytest.raises(UnknownTownError, match=r"^cells\[1\]\.town: 'Town99' is not known; there are: .*Town01"):
-        draw_cells("some@1", [cell, cell.model_copy(update={"town": "Town99"})], "a secret")
-
-
-def test_a_type_without_a_roomy_approach_is_named_with_its_cell() -> None:
-    cell = Cell(town="Town01", junction_type=JunctionType.CROSS, fault=Fault(kind=FaultKind.OMISSION))
+        draw_cells("some@1", [cell("Town01"), cell("Town99")], "a secret")
     with pytest.raises(ApproachTooShortError, match=r"^cells\[0\]: no approach of type CROSS in Town01 has 20 m"):
-        draw_cells("some@1", [cell], "a secret")
+        draw_cells("some@1", [cell("Town01", JunctionType.CROSS)], "a secret")
 
 
 def test_possible_trials_are_all_that_a_draw_can_choose() -> None:
-    cell = Cell(town="Town01", junction_type=JunctionType.STRAIGHT_LEFT, fault=Fault(kind=FaultKind.INFEASIBLE))
-    possible = possible_trials(cell)
+    possible = possible_trials(cell("Town01", JunctionType.STRAIGHT_LEFT))
     assert len({(trial.approach, trial.route) for trial in possible}) == len(possible) == 24
     assert {trial.route for trial in possible} == {Command.LEFT, Command.STRAIGHT}
     for trial in possible:
         is_sound(trial)
 
 
-def test_the_suite_maker_refuses_a_fault_that_cannot_be_applied(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert load_town("junctions").summary().approaches[JunctionType.CROSS] > 0
-    monkeypatch.setattr(writing_suites, "PAPER_TYPES", (JunctionType.CROSS,))
-    monkeypatch.setattr(writing_suites, "PAPER_TOWN", "junctions")
-    with pytest.raises(FaultNotApplicableError, match="infeasible"):
-        suite_text("wrong-command@2")
+@pytest.mark.parametrize(
+    ("file", "content", "error", "message"),
+    [
+        ("x@1.json", [cell("junctions", JunctionType.CROSS)], FaultNotApplicableError, "infeasible needs an approach"),
+        ("x@1.json", [cell("nowhere")], UnknownTownError, "'nowhere' is not known"),
+        ("x@1.json", [], ValueError, "content: is empty"),
+        ("x.json", [cell("Town02")], ValueError, "'x' is no suite's id; name the file NAME@VERSION.json"),
+        ("taken@1.json", [cell("Town02")], FileExistsError, "holds another suite, .* give this one a new version"),
+    ],
+)
+def test_what_the_suite_maker_refuses(
+    file: str, content: list[Cell], error: type[Exception], message: str, tmp_path: Path
+) -> None:
+    (tmp_path / "taken@1.json").write_text("another")
+    with pytest.raises(error, match=message):
+        write_suite(tmp_path / file, "A title", content)

@@ -1,16 +1,19 @@
 """Suites: what is in them, and that they stay as they are."""
 
+import dataclasses
 import hashlib
 import json
 import shutil
 from collections import Counter
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from wrongturn_networks import (
     CorruptFileError,
+    NetworkError,
     Suite,
     UnknownSuiteError,
     UnknownTrialError,
@@ -20,9 +23,9 @@ from wrongturn_networks import (
     suite_ids,
 )
 from wrongturn_networks.catalogue import list_suites
-from wrongturn_networks.making.writing_suites import suite_text
-from wrongturn_networks.suites import SUITES, canonical
-from wrongturn_protocol import PAPER_TYPES, FaultKind, Track, Traffic, Weather
+from wrongturn_networks.making.writing_suites import SUITE_RECIPES, suite_text
+from wrongturn_networks.suites import SUITES, canonical, check_suite
+from wrongturn_protocol import PAPER_TYPES, Fault, FaultKind, JunctionType, Track, Traffic, Weather
 
 PINNED = {
     "navigation@1": "9b57c582ae19be91c7bb3ba9b87988bc005107f2009bd72ea038f1b828914383",
@@ -60,7 +63,8 @@ def test_the_suites_town_has_not_changed() -> None:
 
 
 def test_a_suite_is_what_its_recipe_gives(suite: Suite) -> None:
-    assert (SUITES / f"{suite.id}.json").read_text("utf-8") == suite_text(suite.id)
+    title, content = SUITE_RECIPES[suite.id]
+    assert (SUITES / f"{suite.id}.json").read_text("utf-8") == suite_text(suite.id, title, content())
 
 
 def test_the_papers_sixty_cells() -> None:
@@ -168,3 +172,20 @@ def test_a_file_that_is_no_suite(text: bytes, tmp_path: Path) -> None:
     path.write_bytes(text)
     with pytest.raises(CorruptFileError, match="smoke@1"):
         read_suite(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"town": "nowhere"}, "'nowhere' is not known"),
+        ({"approach": "J1-S"}, "'J1-S' is not known"),
+        ({"junction_type": JunctionType.CROSS}, r"s\d+ has the junction type CROSS, and its approach is STRAIGHT_"),
+        ({"fault": Fault(kind=FaultKind.STUCK)}, "stuck is not built yet"),
+    ],
+)
+def test_a_suite_of_another_package_is_checked(change: dict[str, Any], message: str) -> None:
+    suite = load_suite("smoke@2")
+    check_suite(suite)
+    trial = suite.trials[0].model_copy(update=change)
+    with pytest.raises(NetworkError, match=message):
+        check_suite(dataclasses.replace(suite, cells=(), listed=(trial,)))

@@ -1,13 +1,11 @@
 """A suite of six journeys, made by hand and put among those that are installed."""
 
-import hashlib
-import json
-import shutil
 from pathlib import Path
 
 import pytest
 
 from wrongturn_networks import draw_journey, load_town, suites
+from wrongturn_networks.making import write_suite
 from wrongturn_protocol import Task, Track, Trial, Weather
 
 SUITE = "journeys@1"
@@ -28,15 +26,6 @@ def journeys() -> tuple[Trial, ...]:
 
 def put_among_the_suites(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the suites be those that are installed, and this one."""
-    shutil.copytree(suites.SUITES, folder)
-    name, _, version = SUITE.partition("@")
-    content = {
-        "name": name,
-        "version": int(version),
-        "title": "Six journeys",
-        "tracks": [Track.CAMERA.value, Track.PRIVILEGED.value],
-        "trials": [trial.model_dump(mode="json") for trial in journeys()],
-    }
-    sha256 = hashlib.sha256(suites.canonical(content)).hexdigest()
-    (folder / f"{SUITE}.json").write_text(json.dumps({**content, "sha256": sha256}))
-    monkeypatch.setattr(suites, "SUITES", folder)
+    file = folder / f"{SUITE}.json"
+    write_suite(file, "Six journeys", journeys(), (Track.CAMERA, Track.PRIVILEGED))
+    monkeypatch.setitem(suites.shelf()._shipped, SUITE, file)

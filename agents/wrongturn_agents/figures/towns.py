@@ -5,7 +5,7 @@ from functools import lru_cache
 
 from wrongturn_agents.errors import ResultsError
 from wrongturn_client import Client
-from wrongturn_client.plugins import entry_points, load
+from wrongturn_client.plugins import LOADERS, entry_points, load
 from wrongturn_protocol import TownDetail
 
 FindTown = Callable[[str], TownDetail]
@@ -19,7 +19,7 @@ def installed_town(name: str) -> TownDetail:
     Raises:
         ResultsError: wrongturn-networks is not installed, or has no such town.
     """
-    point = entry_points("wrongturn.towns").get("shipped")
+    point = entry_points(LOADERS).get("town")
     if point is None:
         raise ResultsError("no towns are installed here; install wrongturn-networks (again)")
     try:

@@ -33,12 +33,11 @@ def make_towns(*, compare: bool) -> list[str]:
 def make_suites(*, compare: bool) -> list[str]:
     """Write the suites that are missing, and return those that differ from their recipe; no suite is overwritten."""
     different: list[str] = []
-    for suite_id in SUITE_RECIPES:
-        path, text = SUITES / f"{suite_id}.json", suite_text(suite_id)
+    for suite_id, (title, content) in SUITE_RECIPES.items():
+        path, text = SUITES / f"{suite_id}.json", suite_text(suite_id, title, content())
         if path.exists() and path.read_text("utf-8") != text:
             different.append(path.name)
         elif not compare:
-            SUITES.mkdir(exist_ok=True)
             path.write_text(text, "utf-8")
     return different
 

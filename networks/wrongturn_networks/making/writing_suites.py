@@ -1,8 +1,9 @@
-"""Recipes of the suites, and the text of their files."""
+"""Recipes of the shipped suites, and the writing of a suite's file."""
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Final
 
 from wrongturn_networks.draws import possible_trials
@@ -11,50 +12,68 @@ from wrongturn_networks.making.navigation import navigation
 from wrongturn_networks.suites import canonical
 from wrongturn_protocol import PAPER_TYPES, Cell, Fault, FaultKind, Track, Trial
 
-PAPER_TOWN: Final = "Town01"
-PAPER_FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
 SCORED: Final = (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)
+Content = Sequence[Trial | Cell]
 
 
-def _drawn_cells(per_cell: int) -> list[Cell]:
+def paper_cells(per_cell: int) -> list[Cell]:
     """List the paper's cells, each ``per_cell`` times. An evaluation draws a trial from each."""
-    cells = []
-    for fault in PAPER_FAULTS:
-        for kind in PAPER_TYPES:
-            cell = Cell(town=PAPER_TOWN, junction_type=kind, fault=Fault(kind=fault))
-            for trial in possible_trials(cell):
-                check_fault(trial)
-            cells += [cell] * per_cell
-    return cells
+    return [
+        Cell(town="Town01", junction_type=kind, fault=Fault(kind=fault))
+        for fault in (FaultKind.INFEASIBLE, FaultKind.OMISSION)
+        for kind in PAPER_TYPES
+        for _ in range(per_cell)
+    ]
 
 
-SUITE_RECIPES: Final[dict[str, tuple[str, Callable[[], list[Trial] | list[Cell]]]]] = {
+SUITE_RECIPES: Final[dict[str, tuple[str, Callable[[], Content]]]] = {
     "navigation@1": ("CoRL 2017's navigation: 4 tasks x 4 conditions x 25 routes", lambda: navigation(3001)),
-    "smoke@2": ("Six trials for a first try, one for each of the paper's cells", lambda: _drawn_cells(1)),
+    "smoke@2": ("Six trials for a first try, one for each of the paper's cells", lambda: paper_cells(1)),
     "wrong-command@2": (
         "The paper's benchmark with fresh trials: 3 junction types x 2 faults x 10 approaches",
-        lambda: _drawn_cells(10),
+        lambda: paper_cells(10),
     ),
 }
-"""Title of each suite, and its trials or cells."""
+"""Title of each shipped suite, and its trials or cells."""
 
 
-def suite_text(suite_id: str) -> str:
-    """Return the text of the file of a suite in :data:`SUITE_RECIPES`.
+def write_suite(file: Path, title: str, content: Content, tracks: Sequence[Track] = SCORED) -> None:
+    """Write a suite's file.
+
+    Args:
+        file: Its name is the suite's id. Example: ``junction-tour@1.json``
+        title: The suite in a line.
+        content: Cells, from which each evaluation draws its own trials; or trials, the same for all.
+        tracks: Tracks in which the suite is driven for a score.
 
     Raises:
-        FaultNotApplicableError: the recipe asks for a fault where it cannot be applied.
+        ValueError: the file's name is no suite's id, or there is no content.
+        NetworkError: a fault or a start is not possible in a cell or trial; the message says which and why.
+        FileExistsError: the file holds another suite. Suites never change: give this one a new version.
     """
-    title, recipe = SUITE_RECIPES[suite_id]
-    content_of = recipe()
-    kind = "cells" if isinstance(content_of[0], Cell) else "trials"
-    name, version = suite_id.split("@")
-    content = {
+    text = suite_text(file.name.removesuffix(".json"), title, content, tracks)
+    if file.exists() and file.read_text("utf-8") != text:
+        raise FileExistsError(f"{file} holds another suite, and suites never change; give this one a new version")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text, "utf-8")
+
+
+def suite_text(suite_id: str, title: str, content: Content, tracks: Sequence[Track] = SCORED) -> str:
+    """Return the text of a suite's file. Raises ValueError and NetworkError as :func:`write_suite`."""
+    name, _, version = suite_id.partition("@")
+    if not (name and version.isdecimal()):
+        raise ValueError(f"file: {suite_id!r} is no suite's id; name the file NAME@VERSION.json, such as tour@1.json")
+    if not content:
+        raise ValueError("content: is empty; give one trial or cell at least")
+    for one in dict.fromkeys(content):
+        trials: Iterable[Trial] = possible_trials(one) if isinstance(one, Cell) else (one,)
+        for trial in trials:
+            check_fault(trial)
+    told = {
         "name": name,
         "version": int(version),
         "title": title,
-        "tracks": [str(track) for track in SCORED],
-        kind: [one.model_dump(mode="json") for one in content_of],
+        "tracks": [str(track) for track in tracks],
+        "cells" if isinstance(content[0], Cell) else "trials": [one.model_dump(mode="json") for one in content],
     }
-    sha256 = hashlib.sha256(canonical(content)).hexdigest()
-    return json.dumps({"sha256": sha256, **content}, indent=1) + "\n"
+    return json.dumps({"sha256": hashlib.sha256(canonical(told)).hexdigest(), **told}, indent=1) + "\n"
