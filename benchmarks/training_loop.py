@@ -15,6 +15,7 @@ On two idle cores this takes a minute:
     python benchmarks/training_loop.py --device cpu --rollouts 2 --repeats 3 --option num_envs=32
 """
 
+import copy
 import os
 import statistics
 import time
@@ -26,10 +27,10 @@ from common import finish, parser
 
 from wrongturn_agents.models import build
 from wrongturn_agents.training.budget import Budget
+from wrongturn_agents.training.cars import training_cars
 from wrongturn_agents.training.method import find_method
-from wrongturn_agents.training.methods.ppo.method import cars_seen_by
 from wrongturn_agents.training.methods.ppo.ppo import WrongturnPPO
-from wrongturn_agents.training.methods.ppo.snapshot import Snapshot
+from wrongturn_agents.training.methods.ppo.rollout import SeenVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
 
 
@@ -38,10 +39,8 @@ def made(algorithm: str, device: torch.device, threads: int, options: list[str])
     config = find_method(algorithm).settings().with_options(options)
     watch = Stopwatch(device)
     agent = build(algorithm, seed=1).to(device)
-    envs = cars_seen_by(agent, config, watch, threads=threads)
-    return WrongturnPPO(
-        config, envs, model=lambda: agent, budget=Budget(10**9, None), stopwatch=watch, seed=1, device=device
-    )
+    envs = SeenVecEnv(training_cars(None, device, settings=config, threads=threads, stopwatch=watch), agent, config)
+    return WrongturnPPO(config, envs, agent, Budget(10**9, None), watch, seed=1, device=device)
 
 
 class PlainLoop:
@@ -51,7 +50,6 @@ class PlainLoop:
         self.ppo = ppo
         self.seen: dict[str, torch.Tensor] | None = None
         self.begun = np.ones(ppo.n_envs, np.bool_)
-        self.snapshot = Snapshot(ppo.policy, ppo.policy.optimizer)
 
     def rollout(self) -> None:
         ppo = self.ppo
@@ -81,7 +79,7 @@ class PlainLoop:
         ppo = self.ppo
         policy, config = ppo.policy, ppo.config
         policy.model.train()
-        self.snapshot.take()
+        copy.deepcopy((policy.state_dict(), policy.optimizer.state_dict()))  # so that theirs can undo the update
         parameters = [parameter for group in policy.optimizer.param_groups for parameter in group["params"]]
         for _ in range(config.n_epochs):
             for samples in ppo.rollout_buffer.get(config.batch_size):

@@ -23,7 +23,6 @@ from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, WEIGHTS, ShippedAgent, trained_with
 from wrongturn_agents.stored_results import STORED, Collection
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
-from wrongturn_agents.training.methods.doubting.config import driver_of
 from wrongturn_protocol import CORL_TASKS, Condition
 from wrongturn_protocol.model_contract import STATE_IN, STATE_OUT
 
@@ -208,7 +207,7 @@ def doubting_card(agent: ShippedDoubtingAgent, facts: Facts) -> str:
                 "file": f"`{agent.file.name}`, {agent.file.stat().st_size / 1e6:.1f} MB, beside `{agent.drives}.onnx`, "
                 "which drives",
                 "sha256": f"`{_sha256(agent.file)}`",
-                f"sha256 of `{agent.drives}.onnx`": f"`{driver_of(agent.name)}`",
+                f"sha256 of `{agent.drives}.onnx`": f"`{_sha256(agent.files[1])}`",
                 "track": f"`{agent.track}`",
                 "memory": "8 numbers, within an episode",
                 "licence": said["licence"],

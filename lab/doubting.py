@@ -34,7 +34,6 @@ from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import sha256
 from wrongturn_agents.training.in_process import DrivenEpisode, drive_in_process
 from wrongturn_agents.training.method import find_method, load
-from wrongturn_agents.training.methods.doubting.config import POLICIES, driver_of
 from wrongturn_agents.training.methods.doubting.exporting import write_doubting
 from wrongturn_networks import NetworkError, load_suite
 from wrongturn_networks.draws import Draw, draw_cells
@@ -114,7 +113,7 @@ def trained(checkpoint: str, gate: GateConfig) -> StudiedAgent:
 
 
 def _known(algorithm: str, seed: int, variant: str | None, pictures: int, doubt: Path) -> Figures:
-    driver = driver_of(algorithm)
+    driver = sha256(DOUBTING_AGENTS[algorithm].files[1])
     return {"algorithm": algorithm, "seed": seed, "variant": variant, "pictures": pictures, "driver": driver,
             "doubt": sha256(doubt)}  # fmt: skip
 
@@ -203,7 +202,7 @@ def run(asked: argparse.Namespace, file: Path = FIGURES) -> None:
 def _drivers(figures: Sequence[Figures]) -> Table:
     """Return the files that drove: the other tables name each by its first digits."""
     found = sorted({(one["algorithm"], one["driver"]) for one in figures})
-    rows = [(f"`{name}`", f"`{POLICIES[name]}`", f"`{driver}`") for name, driver in found]
+    rows = [(f"`{name}`", f"`{DOUBTING_AGENTS[name].drives}`", f"`{driver}`") for name, driver in found]
     return _table(["agent", "driver", "SHA-256 of the driver's file"], rows)
 
 

@@ -12,9 +12,8 @@ from gymnasium import spaces
 
 from wrongturn_agents.errors import ModelFileError
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.export.sb3_actions import meaning_of
-from wrongturn_agents.training.export.sb3_observations import as_policy_takes, taken_by
 from wrongturn_agents.training.export.sb3_policy import load_policy
+from wrongturn_agents.training.export.sb3_spaces import as_policy_takes, meaning_of, taken_by
 from wrongturn_client.invocation import program
 from wrongturn_protocol import Action, AgentKind
 from wrongturn_protocol.observations import Observation
@@ -34,7 +33,7 @@ class Sb3Agent:
         try:
             saved = load_policy(file)
             self.track, self._keys = taken_by(saved, None)
-            self._meaning = meaning_of(saved.action_space, None)
+            self._meaning = meaning_of(saved.policy.action_space, None)
         except TrainingError as error:
             raise ModelFileError(f"agent: {_in_a_run(file, str(error))}") from error
         # Several episodes run side by side, and threads inside a step would only wait for each other.

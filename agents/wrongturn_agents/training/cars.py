@@ -58,13 +58,9 @@ def training_cars(
         given.setdefault("backend", "cuda")
     envs = DrivingVecEnv(
         num_envs or config.num_envs,
+        config,
         keys=keys or (config.keys if track is None else None),
         device=device,
-        reward_divisor=config.reward_divisor,
-        failure_penalty=config.failure_penalty,
-        collision_penalty=config.collision_penalty,
-        standing_penalty=config.standing_penalty,
-        standing_cost=config.standing_cost,
         stopwatch=stopwatch,
         track=track or config.track,
         threads=threads or len(os.sched_getaffinity(0)),

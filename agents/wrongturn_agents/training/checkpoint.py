@@ -43,18 +43,8 @@ def save_checkpoint(
     weights = {name: tensor.detach().cpu().contiguous() for name, tensor in model.state_dict().items()}
     if halved:
         weights = {name: one.half() if one.is_floating_point() else one for name, one in weights.items()}
-    write(
-        path,
-        {
-            "algorithm": algorithm or settings.algorithm,
-            "seed": seed,
-            "config": settings.as_dict(),
-            "steps": steps,
-            "state_dict": weights,
-            "evaluation": evaluation,
-            "versions": versions(),
-        },
-    )
+    told = {"algorithm": algorithm or settings.algorithm, "seed": seed, "config": settings.as_dict(), "steps": steps}
+    write(path, {**told, "state_dict": weights, "evaluation": evaluation, "versions": versions()})
 
 
 def is_path(name: str) -> bool:
@@ -65,8 +55,6 @@ def is_path(name: str) -> bool:
 def load_checkpoint(path: Path | str) -> dict[str, Any]:
     """Load on the CPU what :func:`save_checkpoint` wrote."""
     found = read(Path(path), "checkpoint", "a run's best.pt or last.pt")
-    if isinstance(found, dict) and "told" in found:  # of a doubting agent, before all methods had the same fields
-        found = {**found, "steps": found.get("pictures"), "evaluation": found["told"]}
     if not isinstance(found, dict) or not found.keys() >= FIELDS.keys():
         raise TrainingError(f"checkpoint {path}: holds no agent; name a run's best.pt or last.pt")
     wrong = [name for name, kind in FIELDS.items() if not isinstance(found[name], kind)]
@@ -75,24 +63,28 @@ def load_checkpoint(path: Path | str) -> dict[str, Any]:
     return found
 
 
-def load_weights(model: nn.Module, weights: dict[str, torch.Tensor], spare: Callable[[str], bool]) -> None:
-    """Load a checkpoint's weights into a network.
+def load_weights(
+    model: nn.Module,
+    weights: dict[str, torch.Tensor],
+    spare: Callable[[str], bool],
+    what: str = "checkpoint",
+    remedy: str = "train it anew",
+) -> None:
+    """Load weights by name into a network. They may lack those whose name is ``spare``.
 
-    Args:
-        model: the network.
-        weights: weights by name.
-        spare: returns whether a checkpoint may lack a weight, by its name.
+    Raises:
+        TrainingError: they do not fit, or are not finite. It begins with ``what``, and ends with ``remedy``.
     """
     try:
         missing, unexpected = model.load_state_dict(weights, strict=False)
     except (RuntimeError, TypeError, AttributeError) as error:
-        raise TrainingError("checkpoint: its weights are not as this version has them; train it anew") from error
+        raise TrainingError(f"{what}: its weights are not as this version has them; {remedy}") from error
     lacking = [name for name in missing if not spare(name)]
     if lacking or unexpected:
-        raise TrainingError(f"checkpoint: {(lacking + unexpected)[0]}: is not as this version has it; train it anew")
+        raise TrainingError(f"{what}: {(lacking + unexpected)[0]}: is not as this version has it; {remedy}")
     for name, tensor in model.state_dict().items():
         if not tensor.isfinite().all():
-            raise TrainingError(f"checkpoint: {name}: is not finite, so that it cannot drive; name an earlier one")
+            raise TrainingError(f"{what}: {name}: is not finite, so that it cannot drive; name an earlier one")
 
 
 def write(path: Path, content: Any) -> None:
@@ -139,28 +131,3 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[name] = "unknown"
     return found
-
-
-def read_encoder(path: Path, parts: tuple[str, ...]) -> dict[str, torch.Tensor]:
-    """Return the weights in a run's ``encoder.pt``.
-
-    Args:
-        path: the file.
-        parts: first parts of the names that its weights may have.
-    """
-    found = read(path, "option encoder:", "a run's encoder.pt")
-    weights = found.get("state_dict") if isinstance(found, dict) else None
-    if not isinstance(weights, dict) or not all(str(name).startswith(parts) for name in weights):
-        raise TrainingError(f"option encoder: {path} is no encoder of this method; name a run's encoder.pt")
-    return weights
-
-
-def take_encoder(module: nn.Module, weights: dict[str, torch.Tensor], parts: tuple[str, ...]) -> None:
-    """Load an encoder's weights into a module."""
-    try:
-        missing, unexpected = module.load_state_dict(weights, strict=False)
-    except (RuntimeError, TypeError, AttributeError) as error:
-        raise TrainingError("option encoder: it does not fit this version's network; name another") from error
-    lacking = [name for name in missing if name.startswith(parts)]
-    if lacking or unexpected:
-        raise TrainingError(f"option encoder: its {(lacking + unexpected)[0]} does not fit; name another")

@@ -1,12 +1,16 @@
-"""The device that a training or a scoring computes on."""
+"""The device that a training or a scoring computes on, its threads and its memory."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Final
 
 import torch
 
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.settings import Settings
 
+_SHORT: Final = "option num_envs: there is not memory enough; give a smaller --num-envs, or fewer by --option"
 _MOST_THREADS: Final = 1024
 
 
@@ -34,3 +38,26 @@ def prepare(place: torch.device, threads: int | None) -> int:
         torch.backends.cudnn.benchmark = True  # pays off with few shapes
         torch.set_float32_matmul_precision("high")
     return cores
+
+
+@contextmanager
+def memory_named(settings: Settings, device: torch.device) -> Iterator[None]:
+    """Report in words that a device lacks the memory for a run's decisions and pictures, before the system kills it."""
+    if device.type == "cuda":
+        there = torch.cuda.mem_get_info(device)[0]
+    else:
+        there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    for option, wanted, what in settings.memory():
+        if wanted > there:
+            raise TrainingError(
+                f"option {option}: {getattr(settings, option)} {what} need {wanted / 2**30:,.0f} GiB, and there are "
+                f"{there / 2**30:,.0f}; give fewer, or a smaller size of what is kept or learned from by --option"
+            )
+    try:
+        yield
+    except (MemoryError, torch.OutOfMemoryError) as error:
+        raise TrainingError(_SHORT) from error
+    except RuntimeError as error:
+        if "allocate memory" not in str(error):  # wording of torch's allocator on the CPU
+            raise
+        raise TrainingError(_SHORT) from error

@@ -107,15 +107,6 @@ class DrivesConfig(CarsConfig):
     """Keys of the observation that learning keeps."""
     RANGES: ClassVar = {**CarsConfig.RANGES, "gamma": SHARE}
     POSITIVE: ClassVar[tuple[str, ...]] = (*CarsConfig.POSITIVE, "reward_divisor")
-    BEFORE: ClassVar = {
-        "inside_junctions": 0.0,
-        "collision_penalty": 0.0,
-        "traffic": 0.0,
-        "crossers": 0.0,
-        "waiters": 0.0,
-        "window_nearest": 15.0,
-        "window_farthest": 15.0,
-    }
 
     steps: int = 3_000_000
     """Environment steps of the whole run. The learning rate falls over them."""

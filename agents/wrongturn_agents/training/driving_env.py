@@ -11,6 +11,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from torch import Tensor
 
 from wrongturn_agents.training.action import ACTION_SPACE, controls
+from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.stopwatch import Stopwatch
 from wrongturn_agents.training.vec_env import WrongturnVecEnv
 from wrongturn_sim import WrongturnVectorEnv
@@ -38,14 +39,9 @@ class DrivingVecEnv(WrongturnVecEnv):
 
     Args:
         num_envs: number of cars.
+        settings: divisor of the reward, penalties and costs.
         keys: keys of the observation to return, in this order; all by default.
         device: device of the tensors.
-        reward_divisor: divisor of the reward.
-        failure_penalty: taken off the divided reward when a drive fails.
-        collision_penalty: taken off as well when it ends in a collision.
-        standing_penalty: taken off the divided reward when a drive ends because the car stands still.
-        standing_cost: taken off the divided reward of each decision after which the car stands, unless others block
-            its way.
         stopwatch: counts rendering as ``render`` and the rest as ``env``.
         options: options of the vectorised environment. With ``backend="cuda"`` pictures are rendered on the device and
             never leave it.
@@ -54,14 +50,10 @@ class DrivingVecEnv(WrongturnVecEnv):
     def __init__(
         self,
         num_envs: int,
+        settings: DrivesConfig,
         *,
         keys: Sequence[str] | None = None,
         device: torch.device | str = "cpu",
-        reward_divisor: float = 1.0,
-        failure_penalty: float = 0.0,
-        collision_penalty: float = 0.0,
-        standing_penalty: float = 0.0,
-        standing_cost: float = 0.0,
         stopwatch: Stopwatch | None = None,
         **options: Any,
     ) -> None:
@@ -72,13 +64,10 @@ class DrivingVecEnv(WrongturnVecEnv):
         self.keys = tuple(whole if keys is None else keys)
         self.observation_space = spaces.Dict({key: whole[key] for key in self.keys})
         self.action_space = ACTION_SPACE
-        self._divisor = reward_divisor
-        self._penalties = dict.fromkeys(FAILURES, failure_penalty) | {STANDING: standing_penalty}
-        self._penalties[COLLISION] += collision_penalty
-        self._standing_cost = np.float32(standing_cost)
-        self._returns = np.zeros(num_envs)
-        self._lengths = np.zeros(num_envs, np.int64)
-        self._shared: dict[str, tuple[Any, Tensor]] = {}
+        self._divisor, self._standing_cost = settings.reward_divisor, np.float32(settings.standing_cost)
+        self._penalties = dict.fromkeys(FAILURES, settings.failure_penalty) | {STANDING: settings.standing_penalty}
+        self._penalties[COLLISION] += settings.collision_penalty
+        self._returns, self._lengths = np.zeros(num_envs), np.zeros(num_envs, np.int64)
         self._watch_pictures()
 
     def reset(self) -> Observations:
@@ -105,7 +94,7 @@ class DrivingVecEnv(WrongturnVecEnv):
         self._lengths += 1
         scaled = (rewards / self._divisor).astype(np.float32)
         stands = np.asarray(observation["speed"])[:, 0] < SLOW
-        stands &= ~self._waits()
+        stands &= ~self._batch.waits
         scaled -= self._standing_cost * (stands & ~ended)  # an ended car's speed is already that of its next drive
         infos: list[dict[str, Any]] = [_NOTHING] * self.num_envs
         for i in np.flatnonzero(ended).tolist():
@@ -117,7 +106,7 @@ class DrivingVecEnv(WrongturnVecEnv):
             }
             scaled[i] -= self._penalties.get(verdict, 0.0)
             if truncated[i]:
-                infos[i]["terminal_observation"] = self._terminal(found["final_obs"][i])
+                infos[i]["terminal_observation"] = self._tensors(found["final_obs"][i])
         self._returns[ended] = 0.0
         self._lengths[ended] = 0
         return tensors, scaled, ended, infos
@@ -125,28 +114,16 @@ class DrivingVecEnv(WrongturnVecEnv):
     @property
     def poses(self) -> NDArray[np.float64]:
         """Where each car is, (n, 3): x and y of the body's centre in metres, and yaw in radians."""
+        return self._batch.poses
+
+    @property
+    def _batch(self) -> WrongturnVectorEnv:
         assert isinstance(self.envs, WrongturnVectorEnv)
-        return self.envs.poses
-
-    def _waits(self) -> Any:
-        """Return whether others block each car's way, (n,)."""
-        return getattr(self.envs, "waits", np.False_)
-
-    def _terminal(self, observation: dict[str, Any]) -> dict[str, Tensor]:
-        return {key: torch.as_tensor(observation[key], device=self.device) for key in self.keys}
+        return self.envs
 
     def _tensors(self, observation: Any) -> Observations:
         """Return copies on the device, because the next step overwrites the arrays."""
-        return {key: self._shared_tensor(key, observation[key]).to(self.device, copy=True) for key in self.keys}
-
-    def _shared_tensor(self, key: str, array: Any) -> Tensor:
-        """Return a tensor that shares an array's memory; the environments reuse their arrays."""
-        known, tensor = self._shared.get(key, (None, None))
-        if known is not array or tensor is None:
-            there = hasattr(type(array), "__cuda_array_interface__")
-            tensor = torch.as_tensor(array, device=self.device if there else None)
-            self._shared[key] = array, tensor
-        return tensor
+        return {key: torch.as_tensor(observation[key], device=self.device).clone() for key in self.keys}
 
     def _watch_pictures(self) -> None:
         """Count the camera's work as ``render``."""

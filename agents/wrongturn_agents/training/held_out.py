@@ -1,5 +1,6 @@
-"""Held-out journeys, which no training and no suite uses: they decide which checkpoint is kept."""
+"""Held-out journeys, which no training and no suite uses: they decide which of a run's agents is kept."""
 
+import copy
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -119,3 +120,54 @@ def _alone(trial: Trial) -> bool:
 
 def _arrived(driven: list[DrivenTrial]) -> list[DrivenTrial]:
     return [one for one in driven if one.outcome is not None and one.outcome.verdict is Verdict.ARRIVED]
+
+
+@dataclass
+class Candidate:
+    """An agent as it was at some time, on the device."""
+
+    model: Any
+    steps: int
+    """Environment steps that it had learned from."""
+    reward: float = float("-inf")
+    """Mean reward of the training episodes before."""
+    evaluation: Evaluation | None = None
+
+
+class Candidates:
+    """The best agent in training since the last evaluation, and the best evaluated agent."""
+
+    def __init__(self, model: Any) -> None:
+        self._model = model
+        self.promising: Candidate | None = None
+        """Best agent in training since the last evaluation, as it was before the update that followed."""
+        self.best: Candidate | None = None
+
+    def drove(self, reward: float, steps: int) -> None:
+        """Remember the agent as it is, before an update, unless another one drove better since the last evaluation."""
+        if self.promising is None:
+            self.promising = Candidate(_copy(self._model), steps, reward)
+        elif reward > self.promising.reward:
+            self.promising.model.load_state_dict(self._model.state_dict())  # in the memory that it has
+            self.promising.steps, self.promising.reward = steps, reward
+
+    def to_judge(self, steps: int, *, again: bool) -> list[Candidate]:
+        """Return the current agent, the promising one and, if ``again``, also the best one."""
+        found = [Candidate(self._model, steps)]
+        for other in (self.promising, self.best if again else None):
+            if other is not None and other.steps not in {one.steps for one in found}:
+                found.append(other)
+        return found
+
+    def judged(self, candidate: Candidate, evaluation: Evaluation) -> None:
+        """Keep an agent as the run's best."""
+        model = _copy(candidate.model) if candidate.model is self._model else candidate.model
+        self.best = Candidate(model, candidate.steps, candidate.reward, evaluation)
+
+    def begin_anew(self) -> None:
+        """Forget the promising agent after its evaluation."""
+        self.promising = None
+
+
+def _copy(model: Any) -> Any:
+    return copy.deepcopy(model).eval().requires_grad_(False)

@@ -73,13 +73,12 @@ class Method(ABC):
         return self.settings.algorithm
 
     @abstractmethod
-    def build(self, settings: Any, algorithm: str, *, seed: int | None = None) -> nn.Module:
-        """Return an untrained agent on the CPU.
+    def build(self, settings: Any, algorithm: str) -> nn.Module:
+        """Return an untrained agent on the CPU, with first weights from torch's random state.
 
         Args:
             settings: its settings.
-            algorithm: one of :attr:`agents`.
-            seed: seed of the first weights; None to use torch's random state.
+            algorithm: name of one of :attr:`agents`.
         """
 
     @abstractmethod

@@ -19,26 +19,23 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from torch import nn
 
 from wrongturn_agents.training.budget import Budget
-from wrongturn_agents.training.candidates import Candidate, Candidates
 from wrongturn_agents.training.checkpoint import load_checkpoint, save_checkpoint, write
-from wrongturn_agents.training.devices import check_threads, device_of, prepare
+from wrongturn_agents.training.devices import check_threads, device_of, memory_named, prepare
 from wrongturn_agents.training.drive import AnyModel
 from wrongturn_agents.training.driving_env import VERDICTS
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, longest, shortest, with_traffic
-from wrongturn_agents.training.memory import memory_named
+from wrongturn_agents.training.held_out import (
+    Candidate,
+    Candidates,
+    Evaluation,
+    held_out_journeys,
+    longest,
+    shortest,
+    with_traffic,
+)
 from wrongturn_agents.training.method import Method, find_method
 from wrongturn_agents.training.progress_file import ProgressFile, Row
-from wrongturn_agents.training.run_directory import (
-    BEST,
-    LAST,
-    STATE,
-    Begun,
-    check_resumed,
-    held,
-    pretraining_seconds,
-    read_state,
-)
+from wrongturn_agents.training.run_directory import BEST, ENCODER, LAST, STATE, Begun, check_resumed, held, read_state
 from wrongturn_agents.training.stopwatch import Stopwatch
 
 _SEEDS: Final = 2**32
@@ -103,13 +100,12 @@ def train(
     place = device_of(device)
     given = None if resume else method.prepare(begun.settings)
     with memory_named(begun.settings, place), held(folder, resume=resume):
-        used = pretraining_seconds(folder) if resume else None
-        state = read_state(folder) if resume and used is None else None
+        state = read_state(folder) if resume else None
         begun.write(folder, place)
-        used = state["seconds"] if state else used or 0.0
-        run = Run(method, begun, folder, place, prepare(place, threads), Budget(begun.steps, begun.minutes, used=used))
+        budget = Budget(begun.steps, begun.minutes, used=state["seconds"] if state else 0.0)
+        run = Run(method, begun, folder, place, prepare(place, threads), budget)
         run.given, run.state, run.on_row, run.on_note = given, state, on_row, on_note
-        run.only_pretrained = resume and state is None
+        torch.manual_seed(run.seed)
         method.learn(run)
     return folder / BEST
 
@@ -130,7 +126,6 @@ class Run:
         stopwatch: counts the parts of the work, for the columns ``seconds_...``.
         given: what the method's ``prepare`` returned; None for a resumed run.
         state: what an interrupted run kept by :meth:`save_state`; None for a run that begins.
-        only_pretrained: whether the interrupted run kept its ``encoder.pt`` and nothing else.
     """
 
     def __init__(
@@ -142,7 +137,6 @@ class Run:
         self.stopwatch = Stopwatch(device)
         self.given: Any = None
         self.state: dict[str, Any] | None = None
-        self.only_pretrained = False
         self.on_row: Callable[[Row], None] = lambda _: None
         self.on_note: Callable[[str], None] = lambda _: None
         self.last: Evaluation | None = None
@@ -317,6 +311,8 @@ class Run:
                 evaluation = Evaluation(**told["evaluation"]) if told["evaluation"] else None
                 self._candidates.best = Candidate(kept, told["steps"], evaluation=evaluation)
         self.open(self.steps)
+        if self.state is None and (self.folder / ENCODER).is_file():  # a pretraining is not lost
+            self._save_last(0, None)
 
     def drove(self, infos: Iterable[Mapping[str, Any]]) -> None:
         """Count the drives that ended in a step, by the infos of ``training_cars``."""

@@ -4,7 +4,7 @@ import fcntl
 import json
 import os
 import tempfile
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,9 +22,6 @@ STATE: Final = "state.pt"
 BEST: Final = "best.pt"
 LAST: Final = "last.pt"
 ENCODER: Final = "encoder.pt"
-_WEIGHTS: Final = (BEST, LAST)
-_OWN = "the directory of another run, or begin anew in another directory"
-"""What to do when a file from which a run continues is damaged."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +80,7 @@ class Begun:
 def held(folder: Path, *, resume: bool) -> Iterator[None]:
     """Lock a directory while the block runs. The directory is made if it is missing.
 
-    A run without a checkpoint and an encoder has nothing to continue from, so another run may start in its place.
+    A run that has saved nothing cannot continue, so another run may start in its place.
     """
     if not resume:
         _refuse_to_lose(folder)
@@ -111,9 +108,9 @@ def _refuse_to_lose(folder: Path) -> None:
         there = {path.name for path in folder.iterdir()} if folder.exists() else set()
     except OSError as error:
         raise _unwritable(folder, error) from error
-    if STATE in there or (CONFIG in there and _only_pretrained(there)):
+    if STATE in there:
         raise TrainingError(f"directory {folder}: holds a run already; resume it (--resume), or name another")
-    lost = [name for name in (*_WEIGHTS, ENCODER) if name in there]
+    lost = [name for name in (BEST, LAST, ENCODER) if name in there]
     if lost:
         raise TrainingError(
             f"directory {folder}: holds another run's {lost[0]}; move it away, or name another directory"
@@ -126,26 +123,12 @@ def _unwritable(folder: Path, error: OSError) -> TrainingError:
     )
 
 
-def _only_pretrained(there: Set[str]) -> bool:
-    """Return whether a run has saved its encoder and nothing else, by the names of its files."""
-    return ENCODER in there and not there & {STATE, *_WEIGHTS}
-
-
-def pretraining_seconds(folder: Path) -> float | None:
-    """Return the seconds up to the end of a run's pretraining, if its encoder is all that it has saved; else None."""
-    if not _only_pretrained({path.name for path in folder.iterdir()}):
-        return None
-    found = read(folder / ENCODER, "resume:", _OWN)
-    seconds = found.get("seconds") if isinstance(found, dict) else None
-    return seconds if isinstance(seconds, float) else 0.0  # older files do not tell them
-
-
 def read_state(folder: Path) -> dict[str, Any]:
     """Return the state from which a run continues."""
     path = folder / STATE
     if not path.is_file():
         raise TrainingError(f"resume: the run in {folder} has saved nothing to go on from; begin it without --resume")
-    found = read(path, "resume:", _OWN)
+    found = read(path, "resume:", "the directory of another run, or begin anew in another directory")
     if not isinstance(found, dict) or not found.keys() >= {"seconds", "begun"}:
         raise TrainingError(f"resume: {path} is damaged; begin anew in another directory")
     return found

@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,10 @@ from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.in_process import drive_in_process
 from wrongturn_agents.training.method import load
 from wrongturn_networks import Suite, load_suite
-from wrongturn_protocol import Traffic, Trial
+from wrongturn_protocol import Outcome, Traffic, Trial
 
 Results = dict[str, Any]
+"""Fields of a :class:`~wrongturn_agents.results_file.ResultsFile`."""
 
 
 def score(
@@ -45,9 +46,6 @@ def score(
         batch: number of trials at once; by default 16 on the CPU and 256 on CUDA.
         traffic: drive the trials with other road users instead of the others.
 
-    Returns:
-        Fields of a :class:`~wrongturn_agents.results_file.ResultsFile`.
-
     Raises:
         TrainingError: the file is no checkpoint, or the device is not there.
         UnknownSuiteError: there is no such suite.
@@ -62,42 +60,25 @@ def score(
             f"checkpoint {checkpoint}: {loaded.agent.name} does not drive by itself; export it, and name the .onnx file"
         )
     chosen = load_suite(suite)
-    trials = _trials_of(chosen, traffic=traffic)
+    trials, track = _trials_of(chosen, traffic=traffic), loaded.agent.track
     # Everything in float32, as in the exported file.
     with torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
         (driven,) = drive_trials(
-            [loaded.model],
-            trials,
-            track=loaded.agent.track,
-            device=place,
-            threads=threads or len(os.sched_getaffinity(0)),
-            batch=batch,
+            [loaded.model], trials, track=track, device=place, threads=threads or _cores(), batch=batch
         )
-    return ResultsFile(
+    return _results(
+        chosen,
+        ((one.trial, one.outcome) for one in driven),
         agent=loaded.agent.name,
         seed=loaded.told["seed"],
         variant=loaded.variant,
-        suite=chosen.id,
-        suite_sha256=chosen.sha256,
-        secret=chosen.open_draw.secret,
-        driven="in process",
         steps=loaded.told["steps"],
         device=torch.cuda.get_device_name() if place.type == "cuda" else "cpu",
-        trials={one.trial.id: TrialResult.of(one.outcome) for one in driven if one.outcome is not None},
-    ).model_dump(mode="json")
+    )
 
 
 def score_agent(name: str, suite: str, *, threads: int | None = None, traffic: bool = False) -> Results:
-    """Drive each trial and twin of a suite with a registered agent, as it is shipped.
-
-    Args:
-        name: name of the agent. Example: ``ppo-image``
-        suite: id of the suite. Of a suite that draws its trials, the open draw is driven.
-        threads: threads that share the simulation and an agent without memory; all cores by default.
-        traffic: as :func:`score`.
-
-    Returns:
-        As :func:`score`.
+    """Drive each trial and twin of a suite with a registered agent, as it is shipped; see :func:`score`.
 
     Raises:
         AgentsError: there is no such agent, or it fails.
@@ -105,17 +86,23 @@ def score_agent(name: str, suite: str, *, threads: int | None = None, traffic: b
     """
     source = resolve(name)
     chosen = load_suite(suite)
-    trials = _trials_of(chosen, traffic=traffic)
-    driven = drive_in_process(source, trials, threads=threads or len(os.sched_getaffinity(0)))
+    driven = drive_in_process(source, _trials_of(chosen, traffic=traffic), threads=threads or _cores())
+    seed = Collection.read(STORED).shipped.get(source.name)
+    return _results(chosen, ((one.trial, one.outcome) for one in driven), agent=source.name, seed=seed, device="cpu")
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0))
+
+
+def _results(suite: Suite, driven: Iterable[tuple[Trial, Outcome | None]], **facts: Any) -> Results:
     return ResultsFile(
-        agent=source.name,
-        seed=Collection.read(STORED).shipped.get(source.name),
-        suite=chosen.id,
-        suite_sha256=chosen.sha256,
-        secret=chosen.open_draw.secret,
+        suite=suite.id,
+        suite_sha256=suite.sha256,
+        secret=suite.open_draw.secret,
         driven="in process",
-        device="cpu",
-        trials={trial.id: TrialResult.of(outcome) for trial, _, outcome in driven if outcome is not None},
+        trials={trial.id: TrialResult.of(outcome) for trial, outcome in driven if outcome is not None},
+        **facts,
     ).model_dump(mode="json")
 
 

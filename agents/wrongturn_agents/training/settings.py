@@ -11,6 +11,8 @@ SHARE: Final = (0.0, 1.0)
 """Range of a share."""
 ANY: Final = (-1e12, 1e12)
 """Range of a number that may be negative."""
+PIXELS: Final = 64 * 192
+"""Pixels of a picture."""
 _MOST: Final = 1e12
 _SHOWN: Final = 40
 _WORDS: Final = {"true": True, "false": False, "1": True, "0": False, "yes": True, "no": False}
@@ -30,8 +32,6 @@ class Settings:
     """Least and greatest value by field. Without an entry, a whole number is at least 1, and another at least 0."""
     POSITIVE: ClassVar[tuple[str, ...]] = ()
     """Fields that cannot be 0."""
-    BEFORE: ClassVar[Mapping[str, Any]] = {}
-    """Values, by which they change nothing, of fields that are younger than some stored runs."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -80,14 +80,14 @@ class Settings:
 
     @classmethod
     def of(cls, fields: Mapping[str, Any]) -> Self:
-        """Return the settings of a stored run; a field that is younger than the run changes nothing."""
+        """Return the settings of a stored run."""
         known = {field.name for field in dataclasses.fields(cls)}
         unknown = [name for name in fields if name not in known]
         if unknown:
             raise TrainingError(
                 f"config: this version knows no {unknown[0]!r} of {cls.algorithm}; install the one it is of"
             )
-        return cls(**{**{name: value for name, value in cls.BEFORE.items() if name in known}, **fields})
+        return cls(**fields)
 
 
 def without(**present: bool) -> str | None:

@@ -22,7 +22,7 @@ def one_thread() -> Iterator[None]:
     torch.set_num_threads(before)
 
 
-@pytest.fixture(name="small_networks")
+@pytest.fixture(name="small_networks", scope="module")
 def _small_networks() -> Iterator[None]:
     """Build the paper's agents with few channels and one block in each stage."""
     with small_networks():
@@ -37,4 +37,15 @@ def small_marln() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(method, "Marln", partial(Marln, widths=WIDTHS, depths=(1, 1, 1, 1)))
+        yield
+
+
+@pytest.fixture(scope="module")
+def small_lbc() -> Iterator[None]:
+    """Build both agents of Learning by Cheating with one block in each stage."""
+    from wrongturn_agents.models import lbc
+
+    resnet = lbc._resnet
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lbc, "_resnet", lambda channels, _, width: resnet(channels, (1, 1, 1, 1), width))
         yield

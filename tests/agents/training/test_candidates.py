@@ -2,8 +2,7 @@ import pytest
 import torch
 from torch import nn
 
-from wrongturn_agents.training.candidates import Candidates
-from wrongturn_agents.training.held_out import Evaluation
+from wrongturn_agents.training.held_out import Candidates, Evaluation
 
 
 @pytest.fixture

@@ -7,10 +7,9 @@ import pytest
 from shapely import Point
 
 from wrongturn_agents.models.doubt import FARTHEST
-from wrongturn_agents.training.methods.places import NEAR, Places, draw_places, truth_of
-from wrongturn_networks import Town, draw_cruise, load_town
-from wrongturn_protocol import DIRECTIONS, Track
-from wrongturn_sim.fleet.fleet import Fleet
+from wrongturn_agents.training.methods.places import NEAR, Places, draw_places
+from wrongturn_networks import Town, load_town
+from wrongturn_protocol import DIRECTIONS
 
 
 @pytest.fixture(scope="module", params=["Town01", "junctions"])
@@ -71,20 +70,6 @@ def test_exits_are_told_before_the_line_and_nowhere_else(places: Places) -> None
 def test_all_distances_are_drawn(places: Places) -> None:
     counts, _ = np.histogram(places.distance, [0.0, 1e-9, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, FARTHEST + 1])
     assert (counts > 100).all()
-
-
-def test_places_agree_with_the_simulator(town: Town) -> None:
-    """A driven car's truth, read from the privileged observation, equals that of a place drawn there."""
-    random = np.random.default_rng(5)
-    fleet = Fleet(town, 200, Track.PRIVILEGED, record=False)
-    trials = [draw_cruise(town, random, inside_junctions=0.3, lateral=0.2) for _ in range(fleet.count)]
-    fleet.begin(enumerate(trials))
-    truth = truth_of(fleet.observation)
-    fleet.close()
-    for trial, distance, exits, shown in zip(trials, truth.distance, truth.exits, truth.shown, strict=True):
-        assert distance == pytest.approx(np.clip(trial.start.distance, 0.0, FARTHEST), abs=0.01)
-        if shown:
-            assert tuple(exits > 0.5) == tuple(direction in trial.junction_type.exits for direction in DIRECTIONS)
 
 
 def test_the_same_generator_draws_the_same_places(town: Town) -> None:

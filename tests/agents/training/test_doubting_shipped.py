@@ -1,6 +1,5 @@
 """The shipped doubting agents: their files fit, and they keep to roads that exist."""
 
-import hashlib
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,6 @@ from wrongturn_agents import resolve
 from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import ModelFileError
 from wrongturn_agents.training.in_process import drive_in_process
-from wrongturn_agents.training.methods.doubting.config import driver_of
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Reaction, Track, Verdict
 
@@ -35,14 +33,6 @@ def test_the_sister_overrides_what_the_road_does_not_offer() -> None:
         assert outcome is not None
         assert outcome.verdict in {Verdict.EXIT_ROUTE, Verdict.EXIT_OTHER}
         assert outcome.reaction in {Reaction.OVERRODE, Reaction.EXIT}
-
-
-def test_figures_name_the_file_that_drives(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
-    (tmp_path / "ppo-image.onnx").write_bytes(b"one")
-    before = driver_of("doubting")
-    (tmp_path / "ppo-image.onnx").write_bytes(b"another")
-    assert before != driver_of("doubting") == hashlib.sha256(b"another").hexdigest()
 
 
 def test_missing_weights_are_told_with_the_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

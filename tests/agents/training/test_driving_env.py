@@ -4,13 +4,25 @@ import numpy as np
 import pytest
 import torch
 
+from wrongturn_agents.training.cars import training_cars
+from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.driving_env import FAILURES, DrivingVecEnv
 from wrongturn_protocol import Traffic
 from wrongturn_sim import FleetTraffic
 
 BESIDE = {"traffic": Traffic(vehicles=60, pedestrians=10), "own_traffic": FleetTraffic(hesitant=1.0, leaders=1.0)}
 CRUISE = {"town": "Town01", "task": "cruise", "strict": True, "record": False}
-KEYS = ("speed", "command", "pose", "lane")
+FREE = {
+    "reward_divisor": 300.0,
+    "failure_penalty": 0.0,
+    "collision_penalty": 0.0,
+    "standing_penalty": 0.0,
+    "standing_cost": 0.0,
+}
+
+
+def cars(count, keys=("speed",), costs=FREE, **options):
+    return DrivingVecEnv(count, DrivesConfig(**FREE | costs), keys=keys, **CRUISE | options)
 
 
 def by_hand(observation, i, divisor):
@@ -25,7 +37,7 @@ def by_hand(observation, i, divisor):
 
 
 def test_the_reward_is_the_papers_divided():
-    envs = DrivingVecEnv(8, keys=KEYS, track="privileged", reward_divisor=300.0, **CRUISE)
+    envs = cars(8, ("speed", "command", "pose", "lane"), track="privileged")
     envs.seed(3)
     envs.reset()
     compared = 0
@@ -43,21 +55,36 @@ def test_the_reward_is_the_papers_divided():
     envs.close()
 
 
-def test_failures_are_penalised_and_told():
-    plain, strict = (
-        DrivingVecEnv(8, keys=("speed",), failure_penalty=penalty, reward_divisor=300.0, **CRUISE)
-        for penalty in (0.0, 2.0)
-    )
-    told, returns, lengths = [], np.zeros(8), np.zeros(8)
-    for envs in (plain, strict):
-        envs.seed(5)
+@pytest.mark.parametrize(
+    ("cost", "fails"),
+    [
+        ({"failure_penalty": 2.0}, lambda verdict: verdict in FAILURES),
+        ({"collision_penalty": 2.0}, lambda verdict: verdict == "collision"),
+        ({"standing_penalty": 2.0}, lambda verdict: verdict == "not_engaged"),
+        ({"standing_cost": 0.05}, None),
+    ],
+)
+def test_costs_are_taken_off_where_they_are_due(cost, fails):
+    """The same cars with the cost and without it, beside others: half of them stop after a while, and half race ahead.
+
+    Waiting for others is free, and other standing is not.
+    """
+    plain, dear = (cars(32, costs=costs, **BESIDE) for costs in (FREE, cost))
+    returns, lengths, told, waited, stood = np.zeros(32), np.zeros(32), [], 0, 0
+    for envs in (plain, dear):
+        envs.seed(4)
         envs.reset()
-    actions = np.tile(np.float32([0.6, 0.8]), (8, 1))
-    for _ in range(60):
-        _, first, _, _ = plain.step(actions)
-        _, second, dones, infos = strict.step(actions)
-        failed = np.array([info.get("verdict") in FAILURES for info in infos])
-        assert first - second == pytest.approx(np.where(failed, 2.0, 0.0), abs=1e-5)
+    for k in range(150):
+        pedals = np.float32([[0.0, 0.6 if i >= 16 else 0.3 if k < 25 else -1.0] for i in range(32)])
+        (observation, first, dones, infos), (_, second, _, _) = plain.step(pedals), dear.step(pedals)
+        stands = (observation["speed"][:, 0].numpy() < 0.3) & ~dones
+        waits = plain.envs.waits
+        if fails is None:
+            wanted = np.where(stands & ~waits, 0.05, 0.0)
+        else:
+            wanted = np.array([2.0 if fails(info.get("verdict")) else 0.0 for info in infos])
+        assert first - second == pytest.approx(wanted, abs=1e-4)
+        waited, stood = waited + (stands & waits).sum(), stood + (stands & ~waits).sum()
         returns, lengths = returns + 300.0 * first, lengths + 1
         for i in np.flatnonzero(dones):
             assert infos[i]["episode"]["r"] == pytest.approx(returns[i], rel=1e-4, abs=0.05)
@@ -65,24 +92,14 @@ def test_failures_are_penalised_and_told():
             returns[i] = lengths[i] = 0
             told.append(infos[i]["verdict"])
         assert all(bool(info) == bool(done) for info, done in zip(infos, dones, strict=True))
-    assert "off_road" in told
-    for envs in (plain, strict):
+    assert {"collision", "off_road", "not_engaged"} <= set(told)
+    assert min(waited, stood) > 10
+    for envs in (plain, dear):
         envs.close()
 
 
-def test_a_car_that_stands_is_penalised():
-    envs = DrivingVecEnv(2, keys=("speed",), standing_penalty=2.0, reward_divisor=300.0, **CRUISE)
-    envs.reset()
-    verdicts = []
-    for _ in range(140):
-        _, rewards, _, infos = envs.step(np.tile(np.float32([0.0, -1.0]), (2, 1)))
-        verdicts += [(info["verdict"], reward < -1.0) for info, reward in zip(infos, rewards, strict=True) if info]
-    assert ("not_engaged", True) in verdicts
-    envs.close()
-
-
 def test_what_came_last_is_given_where_time_ran_out():
-    envs = DrivingVecEnv(2, keys=("speed", "rgb"), track="camera", journeys={"time_limit": 0.5}, **CRUISE)
+    envs = cars(2, ("speed", "rgb"), track="camera", journeys={"time_limit": 0.5})
     envs.reset()
     infos = []
     for _ in range(5):
@@ -98,70 +115,10 @@ def test_what_came_last_is_given_where_time_ran_out():
 
 
 def test_observations_are_kept_from_being_written_over():
-    envs = DrivingVecEnv(2, keys=("speed", "segmentation"), track="segmentation", **CRUISE)
+    envs = training_cars(2, keys=("speed", "segmentation"), track="segmentation", threads=1)
     first = envs.reset()
     before = {name: tensor.clone() for name, tensor in first.items()}
     envs.step(np.ones((2, 2), np.float32))
     assert list(first) == ["speed", "segmentation"]
     assert all(torch.equal(first[name], before[name]) for name in first)
     envs.close()
-
-
-def test_standing_costs_at_once():
-    plain, dear = (
-        DrivingVecEnv(4, keys=("speed",), standing_cost=cost, reward_divisor=300.0, **CRUISE) for cost in (0.0, 0.05)
-    )
-    stood = 0
-    for envs in (plain, dear):
-        envs.seed(2)
-        envs.reset()
-    for _ in range(30):
-        brake = np.tile(np.float32([0.0, -0.5]), (4, 1))
-        (observation, first, dones, _), (_, second, _, _) = plain.step(brake), dear.step(brake)
-        stands = (observation["speed"][:, 0].numpy() < 0.3) & ~dones
-        assert first - second == pytest.approx(np.where(stands, 0.05, 0.0), abs=1e-6)
-        stood += stands.sum()
-    assert stood > 20
-    for envs in (plain, dear):
-        envs.close()
-
-
-def test_waiting_for_others_is_free_and_other_standing_is_not():
-    plain, dear = (DrivingVecEnv(16, keys=("speed",), standing_cost=cost, **BESIDE, **CRUISE) for cost in (0.0, 0.05))
-    waited = stood = 0
-    for envs in (plain, dear):
-        envs.seed(4)
-        envs.reset()
-    for k in range(150):
-        pedals = np.tile(np.float32([0.0, 0.3 if k < 25 else -1.0]), (16, 1))
-        (observation, first, dones, _), (_, second, _, _) = plain.step(pedals), dear.step(pedals)
-        stands = (observation["speed"][:, 0].numpy() < 0.3) & ~dones
-        waits = plain.envs.waits
-        assert first - second == pytest.approx(np.where(stands & ~waits, 0.05, 0.0), abs=1e-4)
-        waited += (stands & waits).sum()
-        stood += (stands & ~waits).sum()
-    assert waited > 10
-    assert stood > 20
-    for envs in (plain, dear):
-        envs.close()
-
-
-def test_a_collision_costs_more_than_other_failures():
-    plain, dear = (
-        DrivingVecEnv(16, keys=("speed",), failure_penalty=0.5, collision_penalty=cost, **BESIDE, **CRUISE)
-        for cost in (0.0, 2.0)
-    )
-    told = []
-    for envs in (plain, dear):
-        envs.seed(6)
-        envs.reset()
-    for _ in range(120):
-        pedals = np.tile(np.float32([0.0, 0.6]), (16, 1))
-        (_, first, _, _), (_, second, _, infos) = plain.step(pedals), dear.step(pedals)
-        crashed = np.array([info.get("verdict") == "collision" for info in infos])
-        assert first - second == pytest.approx(np.where(crashed, 2.0, 0.0), abs=1e-4)
-        told += [info["verdict"] for info in infos if info]
-    assert told.count("collision") > 5
-    assert told.count("off_road") > 5
-    for envs in (plain, dear):
-        envs.close()

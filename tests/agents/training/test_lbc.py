@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 from metres_driven import CARS, metres
-from small_run import settings_of
+from small_run import HERE, settings_of
 
 from wrongturn_agents import resolve
 from wrongturn_agents.models.waypoint_control import MEMORY
@@ -18,9 +18,8 @@ from wrongturn_agents.training.export.export import export
 from wrongturn_agents.training.method import load
 from wrongturn_agents.training.methods.lbc.cars import Cars
 from wrongturn_agents.training.methods.lbc.config import LBCConfig
-from wrongturn_agents.training.methods.lbc.method import PRIVILEGED_FILE
-from wrongturn_agents.training.methods.lbc.sensorimotor import Teacher, picture_loss, round_of
-from wrongturn_agents.training.methods.wandering import Pool
+from wrongturn_agents.training.methods.lbc.halves import PRIVILEGED_FILE, picture_loss, round_of, taught
+from wrongturn_agents.training.methods.pool import Pool
 from wrongturn_agents.training.recording import record_observations
 from wrongturn_agents.training.run import train
 from wrongturn_agents.training.run_directory import BEST
@@ -31,11 +30,10 @@ SMALL = (
     *("patience=3", "augment=false", "privileged_samples=768", "uses=8", "time_limit=15"),
 )
 SAMPLES = 896
-HERE = {"device": "cpu", "threads": 1}
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory: pytest.TempPathFactory, small_lbc: None) -> Path:
     folder = tmp_path_factory.mktemp("lbc")
     train("lbc", directory=folder, seed=1, steps=SAMPLES, options=SMALL, **HERE)
     return folder
@@ -182,11 +180,11 @@ class Told(torch.nn.Module):
 def test_a_teacher_tells_all_commands_or_the_experts_for_one():
     cars = Cars(8, LBCConfig(traffic=0.0), seed=1, pictures=False, device=torch.device("cpu"))
     seen = cars.observe()
-    waypoints, points, weights = Teacher(Told(), white_box=True).teach(cars, seen)
+    waypoints, points, weights = taught(Told(), cars, seen, white_box=True)
     assert weights.tolist() == [[1.0] * 4] * 8
     assert torch.allclose(points, to_picture(Told()(seen)))
     assert torch.allclose(waypoints[:, 0, 0], 2.0 * seen["command"][:, 0])
-    waypoints, points, weights = Teacher(Told(), white_box=False).teach(cars, seen)
+    waypoints, points, weights = taught(Told(), cars, seen, white_box=False)
     assert weights.argmax(1).tolist() == (seen["command"][:, 0] - 1).tolist()
     assert weights.sum(1).tolist() == [1.0] * 8
     assert torch.allclose(points, to_picture(waypoints)[:, None].expand(-1, 4, -1, -1))

@@ -9,16 +9,14 @@ import onnx
 import pytest
 import torch
 from metres_driven import CARS, metres
-from small_run import settings_of
+from small_run import HERE, settings_of
 
 from wrongturn_agents.models.actor_critic import controls
 from wrongturn_agents.models.marln import ACTIONS, Marln, ValueNetwork
 from wrongturn_agents.onnx_agent import OnnxAgent
-from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import export
 from wrongturn_agents.training.export.quantisation import quantise
 from wrongturn_agents.training.method import load
-from wrongturn_agents.training.methods.marln import method
 from wrongturn_agents.training.methods.marln.config import MarlnConfig
 from wrongturn_agents.training.methods.marln.learning import Learner
 from wrongturn_agents.training.methods.marln.replay import Decisions, Replay, Sample
@@ -34,7 +32,6 @@ OPTIONS = (
     *("time_limit=8", "inside_junctions=0", "traffic=0", "journeys=1", "brief_journeys=1", "patience=1"),
 )
 STEPS = 2048
-HERE = {"device": "cpu", "threads": 1}
 
 
 @pytest.fixture(scope="module")
@@ -48,8 +45,6 @@ def run(tmp_path_factory, small_marln):
 @pytest.mark.slow
 def test_a_short_training_beats_a_random_policy(run):
     random, table = torch.Generator().manual_seed(1), torch.tensor(ACTIONS)
-    standing = torch.tensor([0.0, 0.0, 1.0]).expand(CARS, 3)
-    untrained = method.METHOD.build(settings_of("marln", *OPTIONS), seed=1).eval()
 
     def uniform(_, memory):
         return controls(2.0 * torch.rand(CARS, 2, generator=random) - 1.0), memory
@@ -57,15 +52,10 @@ def test_a_short_training_beats_a_random_policy(run):
     def among_its_actions(_, memory):
         return controls(table[torch.randint(len(table), (CARS,), generator=random)]), memory
 
-    others = [
-        metres(uniform),
-        metres(among_its_actions),
-        metres(lambda _, memory: (standing, memory)),
-        metres(untrained.drive_on, untrained.begin(CARS), pictures=True),
-    ]
     model = load(run / "last.pt").model
-    # The others came to 7.7, 15.1, 1.6 and 3.8 m; this training to 25.1 m, and one with another seed to 19.2 m.
-    assert metres(model.drive_on, model.begin(CARS), pictures=True) > 1.2 * max(others)
+    # By chance 7.7 and 15.1 m, standing 1.6 m, untrained 3.8 m. This training came to 25.1 m, another seed to 19.2 m.
+    chance = max(metres(uniform), metres(among_its_actions))
+    assert metres(model.drive_on, model.begin(CARS), pictures=True) > 1.2 * chance
 
 
 @pytest.mark.slow
@@ -90,28 +80,6 @@ def test_a_run_goes_on_and_its_file_drives_alike(run, tmp_path):
     exported = tmp_path / "marln.onnx"
     export(folder / "last.pt", exported, "fp16")
     _drives_as(load(folder / "last.pt").model, OnnxAgent(exported))
-
-
-def test_a_run_interrupted_after_its_pretraining_keeps_its_encoder(tmp_path, monkeypatch, small_marln):
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    folder = tmp_path / "run"
-    options = (*OPTIONS, "num_envs=4", "pretraining_frames=16", "pretraining_batch=8")
-    with monkeypatch.context() as patched:
-        patched.setattr(method, "Cars", interrupt)
-        with pytest.raises(KeyboardInterrupt):
-            train("marln", directory=folder, seed=3, steps=8, options=options, **HERE)
-    encoder = torch.load(folder / "encoder.pt", weights_only=True)
-    with pytest.raises(TrainingError, match="--resume"):
-        train("marln", directory=folder, steps=8, options=options, **HERE)
-    rows, pretrained = [], []
-    train("marln", directory=folder, resume=True, on_row=rows.append, on_note=pretrained.append, **HERE)
-    assert not pretrained
-    assert rows[-1]["step"] == 8
-    assert 60.0 * rows[-1]["minutes"] > encoder["seconds"] > 0.0
-    weights = load(folder / "last.pt").told["state_dict"]
-    assert all(torch.equal(weights[name], tensor) for name, tensor in encoder["state_dict"].items())
 
 
 def _drives_as(model: Marln, agent: OnnxAgent) -> None:
@@ -178,18 +146,16 @@ def test_the_target_is_the_double_one():
             network.heads.value.weight.zero_()
             network.heads.value.bias.fill_(3.0)
             network.heads.advantage.bias[..., best] = height
-    rows = 2
-    zeros, ones = torch.zeros(rows, 12), torch.ones(rows)
+    zeros = torch.zeros(2, 12)
+    decisions = Decisions(zeros, zeros[:, :2], *(torch.tensor([1, 1]), torch.tensor([0, 0]), *zeros[:, :3].T))
     sample = Sample(
-        features=zeros, measured=torch.zeros(rows, 2), command=torch.ones(rows, dtype=torch.int64),
-        action=torch.zeros(rows, dtype=torch.int64), returns=torch.tensor([1.0, 2.0]),
-        following=torch.tensor([0.5, 0.0]), next_features=zeros, next_measured=torch.zeros(rows, 2),
-        next_command=torch.ones(rows, dtype=torch.int64), weight=ones, places=torch.arange(rows),
+        now=decisions, returns=torch.tensor([1.0, 2.0]), following=torch.tensor([0.5, 0.0]), later=decisions,
+        weight=torch.ones(2), places=torch.arange(2),
     )  # fmt: skip
     actions = values.heads.advantage.outputs
     of_action_5 = 3.0 - 70.0 / actions  # the target network's, whose own best action is another
     found = learner.wanted(sample)
-    assert found.shape == (rows, config.target_quantiles)
+    assert found.shape == (2, config.target_quantiles)
     assert found[0].tolist() == pytest.approx([1.0 + 0.5 * of_action_5] * config.target_quantiles, rel=1e-4)
     assert found[1].tolist() == pytest.approx([2.0] * config.target_quantiles)
 

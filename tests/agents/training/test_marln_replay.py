@@ -30,10 +30,10 @@ def everything(replay):
     return {
         int(feature): (returns, following, int(after))
         for feature, returns, following, after in zip(
-            sample.features[:, 0].tolist(),
+            sample.now.features[:, 0].tolist(),
             sample.returns.tolist(),
             sample.following.tolist(),
-            sample.next_features[:, 0].tolist(),
+            sample.later.features[:, 0].tolist(),
             strict=True,
         )
     }

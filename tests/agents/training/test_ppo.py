@@ -1,10 +1,21 @@
 import copy
 
+import gymnasium
+import numpy as np
 import pytest
 import torch
-from small_run import rolled, small_ppo
+from gymnasium import spaces
+from small_run import SMALL, rolled, settings_of, small_ppo
+from stable_baselines3.common.vec_env import DummyVecEnv
 
-from wrongturn_agents.training.methods.ppo.seen_env import FEATURES
+from wrongturn_agents.models import build
+from wrongturn_agents.training.action import ACTION_SPACE
+from wrongturn_agents.training.budget import Budget
+from wrongturn_agents.training.methods.ppo.ppo import WrongturnPPO
+from wrongturn_agents.training.methods.ppo.rollout import FEATURES
+from wrongturn_agents.training.stopwatch import Stopwatch
+
+pytestmark = pytest.mark.usefixtures("small_networks")
 
 
 def weights(ppo):
@@ -167,3 +178,45 @@ def test_augmented_frames_are_what_is_kept():
     assert seen["rgb"].dtype == torch.uint8
     assert not torch.equal(seen["rgb"], plain["rgb"])
     assert torch.equal(seen["segmentation"], plain["segmentation"])
+
+
+class Bandit(gymnasium.Env):
+    """An episode of one decision: steering by 0.5 to the commanded side pays most."""
+
+    def __init__(self, width):
+        number = spaces.Box(-1.0, 1.0, (1,), np.float32)
+        self.observation_space = spaces.Dict(
+            speed=number, steering=number, command=spaces.Box(1, 2, (1,), np.int64),
+            **{FEATURES: spaces.Box(-1.0, 1.0, (width,), np.float16)},
+        )  # fmt: skip
+        self.action_space = ACTION_SPACE
+
+    def reset(self, **options):
+        super().reset(**options)
+        self.seen = self.observation_space.sample()
+        return self.seen, {}
+
+    def step(self, action):
+        wanted = 0.5 if self.seen["command"][0] == 2 else -0.5
+        return self.seen, -abs(float(action[0]) - wanted), True, False, {}
+
+
+def test_it_learns_what_each_command_asks_for():
+    config = settings_of(
+        "ppo-image", *SMALL, "num_envs=16", "n_steps=16", "batch_size=64", "learning_rate=3e-3", "n_epochs=4"
+    )
+    agent = build("ppo-image", seed=1)
+    envs = DummyVecEnv([lambda: Bandit(agent.encoder.width)] * config.num_envs)
+    envs.action_space.seed(1)
+    ppo = WrongturnPPO(config, envs, agent, Budget(6144, None), Stopwatch(torch.device("cpu")), seed=1, device="cpu")
+
+    def error():
+        observation = {key: torch.as_tensor(array) for key, array in envs.reset().items()}
+        command = torch.arange(16).remainder(2).add(1).view(16, 1)
+        with torch.no_grad():
+            steer = agent.act(ppo.policy.features(observation), command)[:, 0]
+        return (steer - torch.where(command[:, 0] == 2, 0.5, -0.5)).abs().mean().item()
+
+    before = error()
+    ppo.learn(6144)
+    assert error() < 0.4 * before

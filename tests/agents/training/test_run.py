@@ -1,9 +1,8 @@
 import json
 
-import numpy as np
 import pytest
 import torch
-from small_run import SMALL
+from small_run import HERE, SMALL
 
 from wrongturn_agents.training.checkpoint import load_checkpoint, read
 from wrongturn_agents.training.method import load
@@ -15,13 +14,13 @@ FAST = [*SMALL, "evaluate_every=12"]
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def run(tmp_path_factory, small_networks):
     """A run of two updates, and the same one that was interrupted after one and goes on."""
     whole, halved = (tmp_path_factory.mktemp(name) for name in ("whole", "halved"))
     for directory, steps in ((whole, 24), (halved, 12)):
-        train("ppo-segmentation", directory=directory, seed=3, steps=steps, device="cpu", threads=1, options=FAST)
+        train("ppo-segmentation", directory=directory, seed=3, steps=steps, **HERE, options=FAST)
     before = read(halved / "state.pt")
-    train("ppo-segmentation", directory=halved, steps=24, device="cpu", threads=1, resume=True)
+    train("ppo-segmentation", directory=halved, steps=24, **HERE, resume=True)
     return whole, halved, before
 
 
@@ -87,38 +86,14 @@ def test_it_begins_where_it_was_interrupted(run, tmp_path, monkeypatch):
         seen["random"] = torch.get_rng_state()
 
     monkeypatch.setattr(WrongturnPPO, "learn", learn)
-    train("ppo-segmentation", directory=halved, steps=48, device="cpu", threads=1, resume=True)
+    train("ppo-segmentation", directory=halved, steps=48, **HERE, resume=True)
     assert all(torch.equal(tensor, state["policy"][name]) for name, tensor in seen["policy"].items())
     assert torch.equal(seen["random"], state["torch"])
     assert (seen["steps"], seen["remaining"]) == (24, 0.5)
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("small_networks")
-def test_an_encoder_is_pretrained_once_and_taken_by_others(tmp_path):
-    options = [*FAST, "pretraining_frames=16", "pretraining_batch=4", "pretraining_passes=1"]
-    first, second = tmp_path / "first", tmp_path / "second"
-    train("ppo-image", directory=first, steps=12, device="cpu", threads=1, options=options)
-    train(
-        "ppo-image",
-        directory=second,
-        seed=2,
-        steps=12,
-        device="cpu",
-        threads=1,
-        options=[*options, f"encoder={first / 'encoder.pt'}"],
-    )
-    ours, theirs = (load_checkpoint(directory / "last.pt")["state_dict"] for directory in (first, second))
-    alike = {name for name in ours if torch.equal(ours[name], theirs[name])}
-    assert {name for name in ours if name.startswith("encoder.network.")} <= alike
-    assert "encoder.projection.1.weight" not in alike
-    told = json.loads((first / "pretraining.json").read_text())
-    assert (told["frames"], told["minibatches"]) == (16, 4)
-    assert np.isfinite(told["loss"])
-
-
 def test_without_traffic_no_journey_has_any(tmp_path):
-    train("ppo-segmentation", directory=tmp_path, steps=12, device="cpu", threads=1, options=[*FAST, "traffic=0"])
+    train("ppo-segmentation", directory=tmp_path, steps=12, **HERE, options=[*FAST, "traffic=0"])
     (row,) = read_rows(tmp_path / "progress.csv")[-1:]
     assert (row["success_heldout"], row["traffic_success_heldout"]) == ("0", "")
     assert load_checkpoint(tmp_path / "best.pt")["evaluation"]["traffic_success"] is None

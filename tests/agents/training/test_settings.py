@@ -5,8 +5,8 @@ import pytest
 import torch
 from small_run import settings_of
 
+from wrongturn_agents.training.devices import memory_named
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.memory import memory_named
 from wrongturn_agents.training.method import find_method, method_names
 from wrongturn_agents.training.run import train
 from wrongturn_protocol import TRAINING_WEATHERS
@@ -49,25 +49,6 @@ def test_ablations_name_their_variant(algorithm, options, variant):
     assert settings_of(algorithm, *options).variant == variant
 
 
-def test_a_stored_run_keeps_what_it_was_trained_with():
-    now = settings_of("ppo-image")
-    assert (now.projection_learning_rate, now.near_junctions, now.near_bends, now.inside_junctions) == (
-        *(0.1, 0.3, 0.2, 0.2),
-    )
-    stored = now.as_dict() | {"near_junctions": 0.4, "near_bends": 0.25}
-    youngest = ("traffic", "vehicles", "pedestrians", "hesitant", "leaders", "crossers", "waiters", "collision_penalty")
-    for younger in ("inside_junctions", "projection_learning_rate", "window_nearest", "window_farthest", *youngest):
-        del stored[younger]
-    then = type(now).of(stored)
-    assert (now.traffic, now.crossers, now.waiters, now.collision_penalty) == (0.7, 0.5, 0.3, 2.0)
-    assert (then.traffic, then.crossers, then.waiters, then.collision_penalty) == (0.0, 0.0, 0.0, 0.0)
-    assert (now.window_nearest, now.window_farthest) == (10.0, 20.0)
-    assert (then.window_nearest, then.window_farthest) == (15.0, 15.0)
-    assert (then.projection_learning_rate, then.near_junctions, then.near_bends, then.inside_junctions) == (
-        *(1.0, 0.4, 0.25, 0.0),
-    )
-
-
 def test_options_are_read_by_their_kind():
     config = settings_of("ppo-image", "steps=1_000", "gamma=0.9", "augment=true", "vehicles=0")
     assert (config.steps, config.gamma, config.augment, config.vehicles) == (1000, 0.9, True, 0)
@@ -76,27 +57,20 @@ def test_options_are_read_by_their_kind():
 @pytest.mark.parametrize(
     ("algorithm", "option", "said"),
     [
-        ("ppo-image", "steps", "give name=value with one of"),
         ("ppo-image", "colour=3", "give name=value with one of"),
         ("ppo-image", "steps=many", "option steps: is 'many'; give a whole number"),
         ("ppo-image", "bf16=perhaps", "option bf16: is 'perhaps'; give true or false"),
         ("ppo-segmentation", "gamma=nan", "option gamma: is nan"),
         ("ppo-segmentation", "gamma=1.5", "give a number from 0 to 1"),
         ("ppo-segmentation", "batch_size=0", "option batch_size: is 0"),
-        ("ppo-segmentation", "n_steps=-1", "option n_steps: is -1"),
         ("ppo-segmentation", "time_limit=-5", "option time_limit: is -5"),
-        ("ppo-segmentation", "traffic=1.2", "option traffic: is"),
-        ("ppo-segmentation", "hesitant=-0.1", "option hesitant: is"),
-        ("ppo-segmentation", "crossers=nan", "option crossers: is"),
         ("ppo-segmentation", "vehicles=201", "option vehicles: is 201; give a number from 0 to 200"),
-        ("ppo-segmentation", "pedestrians=-1", "option pedestrians: is"),
         ("marln", "replay_size=100", "option replay_size: is 100"),
         ("marln", "learn_after=1", "option learn_after: is 1"),
         ("marln", "replay_ratio=0", "option replay_ratio: is 0"),
-        ("marln", "priority_exponent=2", "option priority_exponent: is 2"),
         ("marln", "replay_size=1000000000", "option replay_size: 1000000000 decisions need"),
         ("lbc", "width=0", "option width: is 0"),
-        ("lbc", "guided=1.5", "option guided: is 1.5"),
+        ("lbc", "width=4", "option width: is 4; give 8 or more: torch's convolutions crash"),
         ("lbc", "near_junctions=0.9", "more than all drives"),
         ("lbc", "window_nearest=30", "the least and the greatest distance"),
         ("lbc", "begin=1000000", "more than the buffer"),
@@ -104,9 +78,7 @@ def test_options_are_read_by_their_kind():
         ("lbc", "batch_size=1", "2 or more"),
         ("lbc", "buffer=1000000000", "1000000000 samples need"),
         ("doubting", "towns=3", "give name=value with one of"),
-        ("doubting", "generated", "give name=value with one of"),
         ("doubting", "first_share=2", "give a number from 0 to 1"),
-        ("doubting", "batch_size=0", "option batch_size: is 0"),
     ],
 )
 def test_wrong_options_are_named_and_make_no_directory(tmp_path, algorithm, option, said):

@@ -19,9 +19,8 @@ from torch import Tensor, nn
 from wrongturn_agents.errors import AgentsError
 from wrongturn_agents.onnx_agent import OnnxAgent
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.export.sb3_actions import Meaning, meaning_of
-from wrongturn_agents.training.export.sb3_observations import Taken, as_policy_takes, taken_by
 from wrongturn_agents.training.export.sb3_policy import SavedPolicy, load_policy, load_statistics
+from wrongturn_agents.training.export.sb3_spaces import Meaning, Taken, as_policy_takes, meaning_of, taken_by
 from wrongturn_agents.training.export.writing import check_target, export_graph, write_graph
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import observation_space
@@ -74,7 +73,7 @@ def export_sb3(
     saved = load_policy(source)
     statistics = None if vecnormalize is None else load_statistics(Path(vecnormalize))
     track, keys = taken_by(saved, statistics)
-    meaning = meaning_of(saved.action_space, None if actions is None else Path(actions))
+    meaning = meaning_of(saved.policy.action_space, None if actions is None else Path(actions))
     graph = _graph(source, saved, keys, meaning)
     facts = {
         "name": name or file.stem,

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from stable_baselines3.common.save_util import load_from_zip_file
@@ -45,19 +44,7 @@ class SavedPolicy:
     @property
     def takes_one(self) -> bool:
         """Whether it takes the array of one key, as behind a wrapper that shows the picture alone."""
-        return not isinstance(self.observation_space, spaces.Dict)
-
-    @property
-    def observation_space(self) -> spaces.Space[Any]:
-        """Space of what the policy takes."""
-        space: spaces.Space[Any] = self.policy.observation_space
-        return space
-
-    @property
-    def action_space(self) -> spaces.Space[Any]:
-        """Space of its actions."""
-        space: spaces.Space[Any] = self.policy.action_space
-        return space
+        return not isinstance(self.policy.observation_space, spaces.Dict)
 
 
 def check_files(file: Path, statistics: Path | None) -> None:
@@ -171,11 +158,3 @@ def _algorithm(file: Path, policy_class: type, keys: tuple[str, ...], options: M
 def _told(error: Exception) -> str:
     """Return an error in one line."""
     return f"{type(error).__name__}: {error}".splitlines()[0]
-
-
-def normalised(statistics: VecNormalize | None, observation: dict[str, Any]) -> dict[str, Any]:
-    """Return an observation as ``VecNormalize`` hands it on; the same without statistics."""
-    if statistics is None:
-        return observation
-    seen: dict[str, Any] = statistics.normalize_obs({name: np.asarray(value) for name, value in observation.items()})
-    return seen

@@ -2,7 +2,7 @@
 
 import math
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,26 +73,9 @@ def draw_places(town: Town, random: np.random.Generator, count: int) -> Places:
     poses[:, 0] -= lateral * np.sin(poses[:, 2])
     poses[:, 1] += lateral * np.cos(poses[:, 2])
     poses[:, 2] += yaw
-    return told(poses, points.distance[rows], points.exits[rows])
-
-
-def told(poses: Numbers, distance: Numbers, exits: NDArray[np.float32]) -> Places:
-    """Return places whose exits are to be told where the stop line lies ahead and near."""
+    distance = points.distance[rows]
     shown = (distance > 0.0) & (distance <= NEAR)
-    return Places(poses, np.minimum(distance, FARTHEST), exits, shown.astype(np.float32))
-
-
-def truth_of(observation: dict[str, NDArray[Any]]) -> Places:
-    """Return the truth about driven cars.
-
-    Args:
-        observation: (n, ...) for each key of the privileged track.
-    """
-    ahead = observation["stop_line"][:, 0].astype(np.float64)
-    exits = observation["exits_mask"].astype(np.float32)
-    # Inside a junction the stop line is -1, as it is where none is near; only inside are the exits shown then.
-    distance = np.where(ahead >= 0.0, ahead, np.where(exits.any(1), 0.0, FARTHEST))
-    return told(observation["pose"].astype(np.float64), distance, exits)
+    return Places(poses, np.minimum(distance, FARTHEST), points.exits[rows], shown.astype(np.float32))
 
 
 @lru_cache(maxsize=128)
@@ -128,8 +111,9 @@ def points_of(town: Town) -> Points:
         groups["elsewhere"].append(rows[left > NEAR])
         for gate in range(0 if approach is None else len(approach.exits)):
             line, along = roads.path_of(leg, gate)
-            inner = float(roads.floats[leg, _inner(gate)])
-            s = np.arange(0.0, inner, STEP)
+            # The length of an exit's path from the stop line to the exit line.
+            inner = roads.floats[leg, guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER]
+            s = np.arange(0.0, float(inner), STEP)
             groups["inside"].append(put(line, along, s))
             distances.append(np.zeros(len(s)))
             exits.append(np.tile(mask, (len(s), 1)))
@@ -139,8 +123,3 @@ def points_of(town: Town) -> Points:
         np.concatenate(exits),
         {name: np.concatenate([np.empty(0, np.int64), *rows]) for name, rows in groups.items()},
     )
-
-
-def _inner(gate: int) -> int:
-    """Return the column with the length of an exit's path from the stop line to the exit line."""
-    return guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER

@@ -1,23 +1,9 @@
 """Settings of the training of ``doubting`` and ``doubting-segmentation``."""
 
-import hashlib
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import ClassVar
 
-from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.settings import SHARE, Settings
-
-POLICIES: Final = {name: agent.drives for name, agent in DOUBTING_AGENTS.items()}
-"""The shipped agent that drives for each of them."""
-
-
-def driver_of(algorithm: str) -> str:
-    """Return the SHA-256 of the shipped file that drives behind a doubting agent's gate, in hexadecimal digits.
-
-    Figures keep it, so that a test tells when they belong to a driver that is no longer shipped.
-    """
-    return hashlib.sha256(SHIPPED_AGENTS[POLICIES[algorithm]].file.read_bytes()).hexdigest()
 
 
 @dataclass(frozen=True, kw_only=True)

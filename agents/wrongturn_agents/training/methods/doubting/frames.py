@@ -1,4 +1,4 @@
-"""Pictures of places in many towns, rendered afresh for each minibatch."""
+"""Pictures of places in many towns, rendered afresh for each minibatch, and how right a network is about them."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,16 +8,19 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from wrongturn_agents.models.doubt import Doubt
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.methods.places import Places, draw_places
 from wrongturn_networks import Town, load_town, read_town
-from wrongturn_protocol import TRAINING_WEATHERS, Weather
+from wrongturn_protocol import TRAINING_WEATHERS
 from wrongturn_sim.camera import Camera, World, look_of, render_batch
 
 CHUNK: Final = 64
 """Pictures of one town in a minibatch."""
 TRAINING_TOWN: Final = "Town01"
 _TICKS: Final = 600
+_HELD_OUT_SEED: Final = 9_001
+_NEAR: Final = (5.0, 16.0)
 _SEEDS: Final = 2**30
 
 
@@ -35,85 +38,89 @@ class Frames(NamedTuple):
 
 
 class FrameSource:
-    """Draws places and renders them.
+    """Draws places and renders them, in the training weathers equally often.
 
     Args:
         towns: towns of the places. The first is :data:`TRAINING_TOWN` or stands alone.
         seed: seed of places, weathers and rain.
         first_share: share of the chunks that show the first town; the others are shared equally.
-        weathers: weathers, drawn equally often.
         device: device of the minibatches. On CUDA the pictures are rendered there too.
     """
 
     def __init__(
-        self,
-        towns: Sequence[Town],
-        seed: int,
-        *,
-        first_share: float = 0.3,
-        weathers: Sequence[Weather] = TRAINING_WEATHERS,
-        device: torch.device | str = "cpu",
-        threads: int = 1,
+        self, towns: Sequence[Town], seed: int, *, first_share: float, device: torch.device, threads: int
     ) -> None:
         self._towns = tuple(towns)
         self._random = np.random.default_rng(seed)
         others = len(self._towns) - 1
         self._shares = np.array([first_share if others else 1.0, *[(1 - first_share) / max(others, 1)] * others])
-        self._looks = np.array([look_of(weather) for weather in weathers])
-        self._device = torch.device(device)
-        self._threads = threads
+        self._looks = np.array([look_of(weather) for weather in TRAINING_WEATHERS])
+        self._device, self._threads = device, threads
         self._camera = Camera()
         self._renderers: dict[str, Any] = {}
 
     def draw(self, count: int) -> Frames:
         """Return a minibatch of new pictures; ``count`` is rounded up to whole chunks."""
-        chunks = [self._chunk(self._towns[k]) for k in
-                  self._random.choice(len(self._towns), -(-count // CHUNK), p=self._shares).tolist()]  # fmt: skip
-        places = [place for place, _ in chunks]
-        pictures = [seen for _, seen in chunks]
+        numbers = self._random.choice(len(self._towns), -(-count // CHUNK), p=self._shares).tolist()
+        places, pictures = zip(*(self._chunk(self._towns[number]) for number in numbers), strict=True)
 
-        def truth(arrays: Sequence[Any]) -> Tensor:
+        def truth(name: str) -> Tensor:
+            arrays = [getattr(place, name) for place in places]
             return torch.from_numpy(np.concatenate(arrays).astype(np.float32)).to(self._device)
 
-        return Frames(
-            {key: torch.cat([seen[key] for seen in pictures]) for key in ("rgb", "segmentation")},
-            truth([place.distance for place in places]),
-            truth([place.exits for place in places]),
-            truth([place.shown for place in places]),
-        )
+        observation = {key: torch.cat([seen[key] for seen in pictures]) for key in ("rgb", "segmentation")}
+        return Frames(observation, truth("distance"), truth("exits"), truth("shown"))
 
     def _chunk(self, town: Town) -> tuple[Places, dict[str, Tensor]]:
         random = self._random
         places = draw_places(town, random, CHUNK)
         kinds = random.integers(len(self._looks), size=CHUNK)
         seeds, ticks = random.integers(_SEEDS, size=CHUNK), random.integers(_TICKS, size=CHUNK)
-        return places, self.render(town, places, kinds, seeds, ticks)
-
-    def render(self, town: Town, places: Places, kinds: Any, seeds: Any, ticks: Any) -> dict[str, Tensor]:
-        """Return pictures of places, at most a chunk, with a row of the weathers for each."""
-        count = len(places.poses)
         if self._device.type == "cuda":
             renderer = self._renderer(town)
             renderer.render(self._looks, seeds, places.poses, ticks, kinds=kinds)
-            return {
-                name: torch.as_tensor(images, device=self._device)[:count].clone()
-                for name, images in (("rgb", renderer.rgb), ("segmentation", renderer.segmentation))
-            }
-        shape = count, self._camera.height, self._camera.width
+            shown = {"rgb": renderer.rgb, "segmentation": renderer.segmentation}
+            return places, {name: torch.as_tensor(one, device=self._device).clone() for name, one in shown.items()}
+        shape = CHUNK, self._camera.height, self._camera.width
         rgb, segmentation = np.empty((*shape, 3), np.uint8), np.empty(shape, np.uint8)
-        looks = self._looks[kinds]
-        render_batch(
-            World.of(town), self._camera, looks, seeds, places.poses, ticks, rgb, segmentation, threads=self._threads
-        )
-        return {"rgb": torch.from_numpy(rgb), "segmentation": torch.from_numpy(segmentation)}
+        looks, world = self._looks[kinds], World.of(town)
+        render_batch(world, self._camera, looks, seeds, places.poses, ticks, rgb, segmentation, threads=self._threads)
+        return places, {"rgb": torch.from_numpy(rgb), "segmentation": torch.from_numpy(segmentation)}
 
     def _renderer(self, town: Town) -> Any:
-        known = self._renderers.get(town.name)
-        if known is None:
+        if town.name not in self._renderers:
             from wrongturn_sim.camera.cuda import CudaRenderer  # noqa: PLC0415 - only needed with a GPU
 
-            known = self._renderers[town.name] = CudaRenderer(World.of(town), self._camera, CHUNK)
-        return known
+            self._renderers[town.name] = CudaRenderer(World.of(town), self._camera, CHUNK)
+        return self._renderers[town.name]
+
+
+@torch.inference_mode()
+def examine(model: Doubt, towns: Sequence[Town], *, pictures: int = 4096, threads: int = 1) -> dict[str, float]:
+    """Return how right a network is about pictures of some towns, drawn equally often.
+
+    Returns:
+        exits: share of right exits from 5 to 16 m before stop lines.
+        approaches: share of pictures there with all three exits right.
+        distance: mean error of the distance there, metres.
+        inside: share of pictures that are rightly told to be nearer or farther than 2 m from the stop line.
+    """
+    device = next(model.parameters()).device
+    share = 1.0 / len(towns)
+    source = FrameSource(towns, _HELD_OUT_SEED, first_share=share, device=device, threads=threads)
+    right, whole, error, near, sided, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0
+    while total < pictures:
+        frames = source.draw(min(512, pictures))
+        exits, distance = (part.float() for part in model.tell(frames.observation))
+        at = (frames.distance > _NEAR[0]) & (frames.distance <= _NEAR[1])
+        same = ((exits > 0) == (frames.exits > 0.5))[at]
+        right += same.float().mean(1).sum().item()
+        whole += same.all(1).float().sum().item()
+        error += (distance[:, 0] - frames.distance).abs()[at].sum().item()
+        near += at.float().sum().item()
+        sided += ((distance[:, 0] > 2.0) == (frames.distance > 2.0)).float().sum().item()
+        total += len(frames.distance)
+    return {"exits": right / near, "approaches": whole / near, "distance": error / near, "inside": sided / total}
 
 
 def towns_of(folder: Path, seeds: Sequence[int]) -> list[Town]:

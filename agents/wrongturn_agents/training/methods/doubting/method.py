@@ -1,6 +1,5 @@
 """What doubts a command, as a training method: it learns what pictures tell about the junction ahead."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,8 +10,7 @@ from wrongturn_agents.models.doubt import Doubt
 from wrongturn_agents.training.method import Loaded, Method, TrainedAgent
 from wrongturn_agents.training.methods.averaging import AveragedLearner
 from wrongturn_agents.training.methods.doubting.config import DoubtingConfig, DoubtingSegmentationConfig
-from wrongturn_agents.training.methods.doubting.examining import examine
-from wrongturn_agents.training.methods.doubting.frames import FrameSource, towns_of, training_towns
+from wrongturn_agents.training.methods.doubting.frames import FrameSource, examine, towns_of, training_towns
 from wrongturn_agents.training.run import Run
 from wrongturn_agents.training.run_directory import BEST
 from wrongturn_judge.home import home
@@ -37,19 +35,15 @@ class DoubtingMethod(Method):
         keys = ("speed", "command", self._key)
         self.agents = (TrainedAgent(agent.name, agent.track, keys, agent.description),)
 
-    def build(self, settings: DoubtingConfig, algorithm: str, *, seed: int | None = None) -> Doubt:  # noqa: ARG002
+    def build(self, settings: DoubtingConfig, algorithm: str) -> Doubt:  # noqa: ARG002
         """Return the untrained network."""
-        with torch.random.fork_rng(devices=[], enabled=seed is not None):
-            if seed is not None:
-                torch.manual_seed(seed)
-            return Doubt(self._key)
+        return Doubt(self._key)
 
     def learn(self, run: Run) -> None:
         """Learn from fresh pictures until the budget is over, and tell how right the network is."""
         config: DoubtingConfig = run.settings
         folder = home() / "towns"
         towns = training_towns(folder, config.generated)
-        torch.manual_seed(run.seed)
         model: Any = self.build(config, self.name).to(run.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         learner = AveragedLearner(model, config)
         if run.state is not None:
@@ -76,8 +70,8 @@ class DoubtingMethod(Method):
                 run.save_state(learner=learner.state())
         average: Any = learner.average
         told = {
-            "training town": asdict(examine(average, towns[:1], threads=run.threads)),
-            "towns never seen": asdict(examine(average, towns_of(folder, HELD_OUT), threads=run.threads)),
+            "training town": examine(average, towns[:1], threads=run.threads),
+            "towns never seen": examine(average, towns_of(folder, HELD_OUT), threads=run.threads),
         }
         run.save(BEST, average, learner.seen, told)
         run.save_state(learner=learner.state())

@@ -6,11 +6,11 @@ from typing import ClassVar, Final
 
 from wrongturn_agents.training.drives_config import CarsConfig
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.memory import PIXELS
-from wrongturn_agents.training.settings import SHARE, without
+from wrongturn_agents.training.settings import PIXELS, SHARE, without
 
 PRIVILEGED: Final = "lbc-privileged"
 """The agent from which ``lbc`` learns."""
+_LEAST_WIDTH: Final = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,6 +96,11 @@ class LBCConfig(CarsConfig):
             raise TrainingError(f"option privileged_share: is {self.privileged_share}; give a number between 0 and 1")
         if self.begin > self.buffer:
             raise TrainingError(f"option begin: is {self.begin}, more than the buffer's {self.buffer}; give less")
+        if self.width < _LEAST_WIDTH:
+            raise TrainingError(
+                f"option width: is {self.width}; give {_LEAST_WIDTH} or more: torch's convolutions crash on a CPU with "
+                "fewer channels"
+            )
         if self.batch_size == 1:
             raise TrainingError("option batch_size: is 1, which has no deviation; give 2 or more")
 

@@ -1,4 +1,4 @@
-"""The cars of a training: what each sees, encoded, and the noise that it explores with."""
+"""The cars of a training: the newest pictures of each, encoded, and the noise that it explores with."""
 
 from typing import Any, NamedTuple
 
@@ -6,12 +6,34 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from wrongturn_agents.models.marln import ACTIONS, Marln
+from wrongturn_agents.models.marln import ACTIONS, FRAMES, Marln
 from wrongturn_agents.training.driving_env import DrivingVecEnv, Observations
 from wrongturn_agents.training.methods.marln.config import MarlnConfig
-from wrongturn_agents.training.methods.marln.frames import FrameStack
 from wrongturn_agents.training.methods.marln.replay import Decisions
 from wrongturn_agents.training.stopwatch import Stopwatch
+
+
+class FrameStack:
+    """Keeps the last four pictures of each car. At a drive's start the first one stands for those before it."""
+
+    def __init__(self) -> None:
+        self._frames: Tensor | None = None
+
+    def push(self, rgb: Tensor, begun: Tensor) -> Tensor:
+        """Return the stacks (n, 4, 64, 192, 3) uint8, the newest last; the next call overwrites them.
+
+        Args:
+            rgb: (n, 64, 192, 3) uint8.
+            begun: (n,) bool: whether the picture is the first of a drive.
+        """
+        again = rgb.unsqueeze(1).expand(-1, FRAMES, -1, -1, -1)
+        if self._frames is None:
+            self._frames = again.clone()
+            return self._frames
+        self._frames = torch.cat([self._frames[:, 1:], rgb.unsqueeze(1)], 1)
+        rows = begun.nonzero().squeeze(1)
+        self._frames[rows] = again[rows]
+        return self._frames
 
 
 class _Seen(NamedTuple):
@@ -21,11 +43,7 @@ class _Seen(NamedTuple):
 
 
 class Cars:
-    """Drives all cars by a network's best actions, with noise.
-
-    Args:
-        model: the network; its encoder is frozen.
-    """
+    """Drives all cars by a network's best actions, with noise. Its encoder is frozen."""
 
     def __init__(
         self, envs: DrivingVecEnv, model: Marln, config: MarlnConfig, stopwatch: Stopwatch, generator: torch.Generator

@@ -7,8 +7,7 @@ from typing import ClassVar, Final
 from wrongturn_agents.models.marln import FRAMES
 from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.memory import PIXELS
-from wrongturn_agents.training.settings import SHARE, without
+from wrongturn_agents.training.settings import PIXELS, SHARE, without
 
 _FEATURES: Final = 2 * 6144
 """Bytes of a decision's encoded pictures."""

@@ -1,7 +1,7 @@
 """Rainbow-IQN: double Q-learning of quantiles, from replayed returns of n steps."""
 
 import copy
-from typing import NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -10,14 +10,6 @@ from wrongturn_agents.models.marln import ValueNetwork
 from wrongturn_agents.models.quantiles import quantile_huber
 from wrongturn_agents.training.methods.marln.config import MarlnConfig
 from wrongturn_agents.training.methods.marln.replay import Replay, Sample
-
-
-class Learned(NamedTuple):
-    """Figures of an update."""
-
-    loss: Tensor
-    value: Tensor
-    """Mean value of the decisions' actions."""
 
 
 class Learner:
@@ -42,20 +34,15 @@ class Learner:
         )
         self.updates = 0
 
-    def update(self, replay: Replay, fraction: float) -> Learned:
-        """Learn from one minibatch.
-
-        Args:
-            replay: what was driven.
-            fraction: how much of the run is over, from 0 to 1.
-        """
+    def update(self, replay: Replay, fraction: float) -> Tensor:
+        """Learn from one minibatch, and return its loss. ``fraction`` is how much of the run is over, from 0 to 1."""
         config = self.config
         weight = config.priority_weight + (1.0 - config.priority_weight) * fraction
         sample = replay.sample(config.batch_size, weight, self._generator)
         left = config.final_learning_rate
         for group in self.optimizer.param_groups:
             group["lr"] = group["share"] * config.learning_rate * (left + (1.0 - left) * (1.0 - fraction))
-        losses, value = self.losses(sample)
+        losses = self.losses(sample)
         self.optimizer.zero_grad(set_to_none=True)
         loss = (sample.weight * losses).mean()
         torch.autograd.backward(loss)
@@ -64,35 +51,46 @@ class Learner:
         replay.update(sample.places, losses)
         self.updates += 1
         if self.updates % config.target_every == 0:
-            self.update_target()
-        return Learned(loss.detach(), value.detach())
+            self.target.load_state_dict(self.values.state_dict())
+        return loss.detach()
 
-    def losses(self, sample: Sample) -> tuple[Tensor, Tensor]:
-        """Return each decision's loss (b,), not weighted, and the mean value of its action."""
-        rows, values = len(sample.action), self.values
+    def losses(self, sample: Sample) -> Tensor:
+        """Return each decision's loss (b,), not weighted."""
+        rows, values = len(sample.places), self.values
         wanted = self.wanted(sample)
         shares = self._shares(rows, self.config.quantiles)
         noise = values.draw_noise(rows, self._generator)
-        quantiles = values(sample.features, sample.measured, sample.command, shares, noise)
-        found = _of_action(quantiles, sample.action)
-        return quantile_huber(found, wanted, shares, self.config.kappa), found.mean()
+        quantiles = values(*sample.now[:3], shares, noise)
+        found = _of_action(quantiles, sample.now.action)
+        return quantile_huber(found, wanted, shares, self.config.kappa)
 
     @torch.no_grad()
     def wanted(self, sample: Sample) -> Tensor:
         """Return samples of the target (b, N'): the network chooses what follows, the target network values it."""
-        rows, count = len(sample.action), self.config.target_quantiles
+        rows, count = len(sample.now.action), self.config.target_quantiles
         quantiles = []
         for network in (self.values, self.target):
             noise = network.draw_noise(rows, self._generator)
             shares = self._shares(rows, count)
-            quantiles.append(network(sample.next_features, sample.next_measured, sample.next_command, shares, noise))
+            quantiles.append(network(*sample.later[:3], shares, noise))
         following = _of_action(quantiles[1], quantiles[0].mean(1).argmax(1))
         return sample.returns.unsqueeze(1) + sample.following.unsqueeze(1) * following
 
-    @torch.no_grad()
-    def update_target(self) -> None:
-        """Copy the network to the target network."""
-        self.target.load_state_dict(self.values.state_dict())
+    def state_dict(self) -> dict[str, Any]:
+        """Return all that :meth:`load_state_dict` needs beside the network."""
+        return {
+            "updates": self.updates,
+            "target": self.target.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "generator": self._generator.get_state(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Continue from a run's state."""
+        self.target.load_state_dict(state["target"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.updates = state["updates"]
+        self._generator.set_state(state["generator"])
 
     def _shares(self, rows: int, count: int) -> Tensor:
         return torch.rand(rows, count, device=self._generator.device, generator=self._generator)

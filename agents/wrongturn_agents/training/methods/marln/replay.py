@@ -32,17 +32,13 @@ class Decisions(NamedTuple):
 class Sample(NamedTuple):
     """A minibatch of b decisions."""
 
-    features: Tensor
-    measured: Tensor
-    command: Tensor
-    action: Tensor
+    now: Decisions
     returns: Tensor
     """(b,): discounted sum of the next n rewards, up to the drive's end."""
     following: Tensor
     """(b,): factor of the value of what follows; 0 if the drive ended before."""
-    next_features: Tensor
-    next_measured: Tensor
-    next_command: Tensor
+    later: Decisions
+    """The decisions after the return."""
     weight: Tensor
     """(b,): importance-sampling weights, the greatest is 1."""
     places: Tensor
@@ -113,10 +109,7 @@ class Replay:
     def sample(self, count: int, weight: float, generator: torch.Generator | None = None) -> Sample:
         """Draw decisions in proportion to their priorities, one in each of ``count`` equal parts of their sum.
 
-        Args:
-            count: size of the minibatch.
-            weight: exponent of the importance-sampling weights; 1 corrects for the priorities in full.
-            generator: random generator on the device.
+        ``weight`` is the exponent of the importance-sampling weights; 1 corrects for the priorities in full.
         """
         chance = self._chance.flatten()
         sums = chance.double().cumsum(0)
@@ -128,17 +121,11 @@ class Replay:
         time, car = index // self.cars, index % self.cars
         returns, following = self._returns(time, car)
         after = (time + self.n_step) % self.times
-        kept = self._kept
         return Sample(
-            features=kept.features[time, car],
-            measured=kept.measured[time, car],
-            command=kept.command[time, car],
-            action=kept.action[time, car],
+            now=Decisions(*(kept[time, car] for kept in self._kept)),
             returns=returns,
             following=following,
-            next_features=kept.features[after, car],
-            next_measured=kept.measured[after, car],
-            next_command=kept.command[after, car],
+            later=Decisions(*(kept[after, car] for kept in self._kept)),
             weight=(weights / weights.max()).float(),
             places=index,
         )

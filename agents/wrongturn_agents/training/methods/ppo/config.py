@@ -10,8 +10,7 @@ from typing import ClassVar, Final
 
 from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.memory import PIXELS
-from wrongturn_agents.training.settings import ANY, SHARE, without
+from wrongturn_agents.training.settings import ANY, PIXELS, SHARE, without
 
 _ACTIVATIONS: Final = ("tanh", "elu", "relu")
 _BYTES: Final = {"rgb": 3 * PIXELS, "segmentation": PIXELS}
@@ -29,7 +28,18 @@ class PPOConfig(DrivesConfig):
         "kl_stop": ANY,  # a negative limit of the divergence stops each update at once
     }
     POSITIVE: ClassVar[tuple[str, ...]] = (*DrivesConfig.POSITIVE, "clip_range")
-    BEFORE: ClassVar = {**DrivesConfig.BEFORE, "projection_learning_rate": 1.0}
+
+    # Without types these are no options. An algorithm that has such an option declares it.
+    pretrained = False
+    """Whether PPO leaves the encoder as it is. Each frame is then encoded once, and the buffer keeps features."""
+    augment = False
+    """Whether pictures are augmented before the policy sees them."""
+    masked_classes = 0.0
+    """Probability that each class of a segmentation is masked."""
+    auxiliary = False
+    """Whether the segmentation loss joins PPO's loss."""
+    auxiliary_share = 0.0
+    """Share of each minibatch whose segmentation is predicted."""
 
     n_steps: int = 32
     """Decisions of each car between two updates."""
@@ -87,31 +97,6 @@ class PPOConfig(DrivesConfig):
             )
 
     @property
-    def frozen(self) -> bool:
-        """Whether PPO leaves the encoder as it is. Each frame is then encoded once, and the buffer keeps features."""
-        return getattr(self, "pretrained", False)
-
-    @property
-    def augmented(self) -> bool:
-        """Whether pictures are augmented before the policy sees them."""
-        return getattr(self, "augment", False)
-
-    @property
-    def masked(self) -> float:
-        """Probability that each class of a segmentation is masked."""
-        return getattr(self, "masked_classes", 0.0)
-
-    @property
-    def auxiliary_loss(self) -> bool:
-        """Whether the segmentation loss joins PPO's loss."""
-        return getattr(self, "auxiliary", False)
-
-    @property
-    def predicted_share(self) -> float:
-        """Share of each minibatch whose segmentation is predicted."""
-        return getattr(self, "auxiliary_share", 0.0)
-
-    @property
     def statistics(self) -> bool:
         """Whether batch normalisation learns its statistics while driving."""
         return False
@@ -119,11 +104,11 @@ class PPOConfig(DrivesConfig):
     @property
     def disturbed(self) -> bool:
         """Whether the policy's pictures are changed at random."""
-        return self.augmented or self.masked > 0.0
+        return self.augment or self.masked_classes > 0.0
 
     def memory(self) -> Iterable[tuple[str, int, str]]:
         """Return the bytes of a rollout's pictures or, if the encoder is frozen, of their features, about."""
-        kept = _FEATURES if self.frozen else sum(_BYTES.get(key, 0) for key in self.keys)
+        kept = _FEATURES if self.pretrained else sum(_BYTES.get(key, 0) for key in self.keys)
         current = sum(_BYTES.values())  # each car has a current picture of each kind
         return [("num_envs", self.num_envs * (self.n_steps * kept + current), "egos")]
 

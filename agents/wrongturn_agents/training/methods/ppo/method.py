@@ -1,8 +1,5 @@
 """The paper's three agents as training methods."""
 
-import json
-from dataclasses import asdict
-from pathlib import Path
 from typing import Any, Final
 
 import torch
@@ -11,26 +8,23 @@ from stable_baselines3.common.callbacks import BaseCallback
 from wrongturn_agents.models import ActorCritic, build
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.cars import training_cars
-from wrongturn_agents.training.checkpoint import read_encoder, take_encoder, write
-from wrongturn_agents.training.driving_env import Observations
-from wrongturn_agents.training.method import Method, TrainedAgent
+from wrongturn_agents.training.method import TrainedAgent
 from wrongturn_agents.training.methods.ppo.config import AuxiliaryConfig, ImageConfig, PPOConfig, SegmentationConfig
 from wrongturn_agents.training.methods.ppo.ppo import WrongturnPPO
-from wrongturn_agents.training.methods.ppo.pretrain import pretrain
-from wrongturn_agents.training.methods.ppo.seen_env import SeenVecEnv
+from wrongturn_agents.training.methods.ppo.rollout import SeenVecEnv
+from wrongturn_agents.training.methods.pretraining import PretrainedMethod, WanderingCars, pretrain
 from wrongturn_agents.training.run import Run
-from wrongturn_agents.training.run_directory import ENCODER
-from wrongturn_agents.training.stopwatch import Stopwatch
 from wrongturn_protocol import Track
 
-_ENCODER: Final = ("network.", "decoder.")
 _UNDRIVEN: Final = ("encoder.decoder.", "encoder.segmenting.")
 _WARMING: Final = 40
 """Batches from which batch normalisation learns its first statistics."""
 
 
-class PPOMethod(Method):
+class PPOMethod(PretrainedMethod):
     """PPO with one of the paper's networks."""
+
+    encoder = ("network.", "decoder.")
 
     def __init__(self, settings: type[PPOConfig]) -> None:
         self.settings = settings
@@ -39,14 +33,14 @@ class PPOMethod(Method):
         keys = ("speed", "steering", "command", seen)
         self.agents = (TrainedAgent(shipped.name, shipped.track, keys, shipped.description),)
 
-    def build(self, settings: PPOConfig, algorithm: str, *, seed: int | None = None) -> ActorCritic:
+    def build(self, settings: PPOConfig, algorithm: str) -> ActorCritic:
         """Return the untrained networks."""
         more: dict[str, Any] = {}
         if isinstance(settings, SegmentationConfig):
             more["masked_classes"] = settings.masked_classes
         if isinstance(settings, ImageConfig):
-            more["frozen"] = settings.frozen
-        agent = build(algorithm, seed=seed, activation=settings.activation, **more)
+            more["frozen"] = settings.pretrained
+        agent = build(algorithm, activation=settings.activation, **more)
         with torch.no_grad():
             agent.branches.policy.bias[..., 1] = settings.accelerate
         return agent
@@ -61,30 +55,15 @@ class PPOMethod(Method):
             settings = self.settings.of({**told["config"], "activation": "relu"})
         return super().load(told, settings, device)
 
-    def prepare(self, settings: PPOConfig) -> dict[str, torch.Tensor] | None:
-        """Return the weights of another run's encoder, if the settings name one."""
-        path = getattr(settings, "encoder", "")
-        return read_encoder(Path(path), _ENCODER) if path else None
-
     def learn(self, run: Run) -> None:
         """Pretrain the encoder, if the agent has a frozen one; then drive and learn."""
         config: PPOConfig = run.settings
-        agent = self.build(config, self.name, seed=run.seed).to(run.device)
-        encoder = read_encoder(run.folder / ENCODER, _ENCODER) if run.only_pretrained else run.given
-        if encoder is not None:
-            take_encoder(agent.encoder, encoder, _ENCODER)
-        elif isinstance(config, ImageConfig) and config.pretrained and run.state is None:
-            _pretrain(agent, config, run)
-        envs = cars_seen_by(agent, config, run.stopwatch, threads=run.threads)
-        model = WrongturnPPO(
-            config,
-            envs,
-            model=lambda: agent,
-            budget=run.budget,
-            stopwatch=run.stopwatch,
-            seed=run.stream(run.steps),
-            device=run.device,
-        )
+        agent = self.build(config, self.name).to(run.device)
+        self.see_first(run, agent.encoder, lambda: _learn_to_segment(run, agent))
+        cars = training_cars(None, run.device, settings=config, threads=run.threads, stopwatch=run.stopwatch)
+        envs = SeenVecEnv(cars, agent, config)
+        seed = run.stream(run.steps)
+        model = WrongturnPPO(config, envs, agent, run.budget, run.stopwatch, seed=seed, device=run.device)
         model.set_logger(run.logger)
         if run.state is not None:
             _restore(model, run)
@@ -135,40 +114,14 @@ class _Reports(BaseCallback):
         self._run.finish(self.model.num_timesteps, **self.model.figures)
 
 
-def cars_seen_by(agent: ActorCritic, config: PPOConfig, stopwatch: Stopwatch, *, threads: int) -> SeenVecEnv:
-    """Make the training's cars as the agent sees them.
-
-    Args:
-        agent: agent on the device of the pictures. It augments them, and encodes them if its encoder is frozen.
-        config: number of cars, their starts, traffic and rewards.
-        stopwatch: counts the environments, the pictures and the frozen encoder.
-        threads: threads that share the simulation.
-    """
-    device = agent.log_std.device
-
-    def encode(observation: Observations) -> torch.Tensor:
-        with torch.autocast(device.type, torch.bfloat16, enabled=config.bf16 and device.type == "cuda"):
-            return agent.encode(observation)
-
-    return SeenVecEnv(
-        training_cars(None, device, settings=config, threads=threads, stopwatch=stopwatch),
-        disturb=agent.disturb if config.disturbed else None,
-        encode=encode if config.frozen else None,
-        width=agent.encoder.width,
-        stopwatch=stopwatch,
-    )
-
-
-def _pretrain(agent: ActorCritic, config: ImageConfig, run: Run) -> None:
-    """Pretrain the encoder, and save it for other runs."""
-    torch.manual_seed(run.seed)
-    found = pretrain(
-        agent, config, device=run.device, seed=run.seed, budget=run.budget, threads=run.threads, on_note=run.on_note
-    )
-    weights = {name: tensor.detach().cpu() for name, tensor in agent.encoder.state_dict().items()}
-    weights = {name: tensor for name, tensor in weights.items() if name.startswith(_ENCODER)}
-    write(run.folder / ENCODER, {"state_dict": weights, "seconds": run.budget.used, **asdict(found)})
-    (run.folder / "pretraining.json").write_text(json.dumps(asdict(found), indent=1) + "\n", "utf-8")
+def _learn_to_segment(run: Run, agent: ActorCritic) -> None:
+    """Teach the encoder segmentation, together with a decoder that is not used afterwards, and freeze it."""
+    encoder: Any = agent.encoder
+    cars = WanderingCars(run.settings, run.device, seed=run.stream(0), threads=run.threads, time_limit=1.0)
+    encoder.freeze(False)
+    pretrain(run, agent, cars.step, lambda drawn: agent.segmentation_loss(drawn, augment=run.settings.augment))
+    encoder.freeze()
+    cars.envs.close()
 
 
 def _warm(model: WrongturnPPO, envs: SeenVecEnv) -> None:

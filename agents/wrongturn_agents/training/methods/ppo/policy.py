@@ -7,22 +7,15 @@ from typing import Any
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor
 
 from wrongturn_agents.models import ActorCritic, Homoscedastic
 from wrongturn_agents.training.driving_env import Observations
-from wrongturn_agents.training.methods.ppo.seen_env import FEATURES
+from wrongturn_agents.training.methods.ppo.config import PPOConfig
+from wrongturn_agents.training.methods.ppo.rollout import FEATURES
 from wrongturn_agents.training.stopwatch import Stopwatch
 
 _LOG_ROOT = 0.5 * math.log(2.0 * math.pi)
-
-
-class _NoExtractor(BaseFeaturesExtractor):
-    """Stands in for Stable-Baselines3's feature extractor, which is not needed."""
-
-    def __init__(self, observation_space: spaces.Space[Any]) -> None:
-        super().__init__(observation_space, features_dim=1)
 
 
 class WrongturnPolicy(ActorCriticPolicy):
@@ -31,10 +24,7 @@ class WrongturnPolicy(ActorCriticPolicy):
     Args:
         action_space: (2,).
         lr_schedule: learning rate by the remaining share of the run.
-        bf16: compute the encoder in bfloat16 on CUDA. Everything after it always computes in float32.
-        joined: join another loss to PPO's, with learned weights.
-        encoder_share: share of the learning rate for the encoder's convolutions; see ``PPOConfig``.
-        projection_share: the same for the layer between a ResNet and the heads.
+        model: returns the agent.
         stopwatch: counts forward passes while driving as ``policy``.
     """
 
@@ -48,39 +38,34 @@ class WrongturnPolicy(ActorCriticPolicy):
         lr_schedule: Callable[[float], float],
         *,
         model: Callable[[], ActorCritic],
-        bf16: bool = True,
-        compiled: bool = False,
-        joined: bool = False,
-        encoder_share: float = 1.0,
-        projection_share: float = 1.0,
-        stopwatch: Stopwatch | None = None,
+        config: PPOConfig,
+        stopwatch: Stopwatch,
         **_: Any,
     ) -> None:
-        self._make = model
-        self._bf16 = bf16
-        self._compiled = compiled
-        self._joined = joined
-        self._shares = {"model.encoder.network.": encoder_share, "model.encoder.projection.": projection_share}
-        self._stopwatch = stopwatch or Stopwatch(torch.device("cpu"))
-        super().__init__(
-            observation_space, action_space, lr_schedule, net_arch={}, features_extractor_class=_NoExtractor
-        )
+        self._make, self._config, self._stopwatch = model, config, stopwatch
+        # An own extractor of features is not needed: this one has no weights.
+        super().__init__(observation_space, action_space, lr_schedule, net_arch={})
 
     def _build(self, lr_schedule: Callable[[float], float]) -> None:
+        config = self._config
         self.model = self._make()
-        if self._joined:
+        if config.auxiliary:
             self.homoscedastic = Homoscedastic()
+        shares = {
+            "model.encoder.network.": config.encoder_learning_rate,
+            "model.encoder.projection.": config.projection_learning_rate,
+        }
         groups: dict[float, list[torch.nn.Parameter]] = {1.0: []}
         for name, parameter in self.named_parameters():
             if parameter.requires_grad:
-                share = next((share for part, share in self._shares.items() if name.startswith(part)), 1.0)
+                share = next((share for part, share in shares.items() if name.startswith(part)), 1.0)
                 groups.setdefault(share, []).append(parameter)
         rate = lr_schedule(1)
         self.optimizer = torch.optim.Adam(
             [{"params": group, "share": share, "lr": rate * share} for share, group in groups.items()], eps=1e-5
         )
         self._encode: Callable[[Observations], Tensor] = self.model.encode
-        if self._compiled:
+        if config.compile:
             self._encode = torch.compile(self.model.encode)
 
     def features(self, observation: Observations) -> Tensor:
@@ -95,9 +80,9 @@ class WrongturnPolicy(ActorCriticPolicy):
             return self._encode(observation)
 
     def precision(self, observation: Observations) -> torch.autocast:
-        """Return the context with the precision in which the encoder computes."""
+        """Return the context in which the encoder computes: bfloat16 on CUDA. The rest always computes in float32."""
         kind = observation["speed"].device.type
-        return torch.autocast(kind, torch.bfloat16, enabled=self._bf16 and kind == "cuda")
+        return torch.autocast(kind, torch.bfloat16, enabled=self._config.bf16 and kind == "cuda")
 
     def forward(self, obs: Observations, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
         """Return actions (b, 2), values (b,) and log-probabilities (b,)."""

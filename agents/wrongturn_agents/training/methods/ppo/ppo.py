@@ -1,19 +1,21 @@
 """PPO (Schulman et al. 2017) from Stable-Baselines3, with the paper's auxiliary loss."""
 
+import copy
 from typing import Any
 
 import torch
 from stable_baselines3 import PPO
+from stable_baselines3.common.type_aliases import DictRolloutBufferSamples
 from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor
 from torch.nn import functional
 
+from wrongturn_agents.models import ActorCritic
 from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.driving_env import Observations
 from wrongturn_agents.training.methods.ppo.config import PPOConfig
 from wrongturn_agents.training.methods.ppo.policy import WrongturnPolicy
-from wrongturn_agents.training.methods.ppo.rollout import DeviceRolloutBuffer, Samples
-from wrongturn_agents.training.methods.ppo.snapshot import Snapshot
+from wrongturn_agents.training.methods.ppo.rollout import DeviceRolloutBuffer
 from wrongturn_agents.training.stopwatch import Stopwatch
 
 _LEAST_CAUTION = 1.0 / 64
@@ -35,13 +37,13 @@ class WrongturnPPO(PPO):
     Args:
         budget: the learning rate falls as it is used up.
         stopwatch: counts updates as ``learn``.
-        more: further arguments of ``PPO``.
+        more: ``seed`` and ``device``.
     """
 
     policy: WrongturnPolicy
 
     def __init__(
-        self, config: PPOConfig, env: VecEnv, *, model: Any, budget: Budget, stopwatch: Stopwatch, **more: Any
+        self, config: PPOConfig, env: VecEnv, agent: ActorCritic, budget: Budget, stopwatch: Stopwatch, **more: Any
     ) -> None:
         self.config = config
         self.budget = budget
@@ -50,7 +52,6 @@ class WrongturnPPO(PPO):
         """Figures of the last update, by name."""
         self.caution = 1.0
         """Factor of the learning rate; below 1 after updates that were undone."""
-        self._snapshot: Snapshot | None = None
 
         def learning_rate(remaining: float) -> float:
             left = config.final_learning_rate
@@ -72,15 +73,7 @@ class WrongturnPPO(PPO):
             target_kl=config.kl_stop,
             rollout_buffer_class=DeviceRolloutBuffer,
             rollout_buffer_kwargs={"stopwatch": stopwatch},
-            policy_kwargs={
-                "model": model,
-                "bf16": config.bf16,
-                "compiled": config.compile,
-                "joined": config.auxiliary_loss,
-                "encoder_share": config.encoder_learning_rate,
-                "projection_share": config.projection_learning_rate,
-                "stopwatch": stopwatch,
-            },
+            policy_kwargs={"model": lambda: agent, "config": config, "stopwatch": stopwatch},
             **more,
         )
 
@@ -107,10 +100,7 @@ class WrongturnPPO(PPO):
         policy, config = self.policy, self.config
         policy.set_training_mode(True)
         self._update_learning_rate(policy.optimizer)
-        if self._snapshot is None:
-            self._snapshot = Snapshot(policy, policy.optimizer)
-        else:
-            self._snapshot.take()
+        before = copy.deepcopy((policy.state_dict(), policy.optimizer.state_dict()))
         trained = [parameter for group in policy.optimizer.param_groups for parameter in group["params"]]
         sums: dict[str, Tensor] = {}
         batches = epochs = 0
@@ -138,7 +128,8 @@ class WrongturnPPO(PPO):
             divergence = self._final_divergence()
         reverted = self._too_far(divergence)
         if reverted:
-            self._snapshot.restore()
+            policy.load_state_dict(before[0])
+            policy.optimizer.load_state_dict(before[1])
         self.caution = max(_LEAST_CAUTION, 0.5 * self.caution) if reverted else min(1.0, 1.03 * self.caution)
         buffer = self.rollout_buffer
         unexplained = (buffer.returns - buffer.values).var() / buffer.returns.var().clamp_min(1e-8)
@@ -168,7 +159,7 @@ class WrongturnPPO(PPO):
         _, log_prob, _ = self.policy.evaluate_actions(samples.observations, samples.actions)
         return _divergence(log_prob - samples.old_log_prob).item()
 
-    def _loss(self, samples: Samples) -> tuple[Tensor, dict[str, Tensor], Tensor]:
+    def _loss(self, samples: DictRolloutBufferSamples) -> tuple[Tensor, dict[str, Tensor], Tensor]:
         """Return a minibatch's loss, its terms, and the divergence from the policy that drove."""
         config = self.config
         values, log_prob, entropy = self.policy.evaluate_actions(samples.observations, samples.actions)
@@ -184,7 +175,7 @@ class WrongturnPPO(PPO):
             divergence = _divergence(log_ratio)
             outside = ((ratio - 1.0).abs() > config.clip_range).float().mean()
         terms = {"policy_loss": policy_loss, "value_loss": value_loss, "clip_fraction": outside}
-        if config.auxiliary_loss:
+        if config.auxiliary:
             auxiliary = self._auxiliary_loss(samples.observations)
             loss = self.policy.homoscedastic(loss, auxiliary)
             terms["auxiliary_loss"] = auxiliary
@@ -192,7 +183,7 @@ class WrongturnPPO(PPO):
 
     def _auxiliary_loss(self, observations: Observations) -> Tensor:
         """Return the cross-entropy of the predicted segmentation for the first frames of a minibatch."""
-        count = max(1, round(self.config.predicted_share * len(observations["speed"])))
+        count = max(1, round(self.config.auxiliary_share * len(observations["speed"])))
         chosen = {name: tensor[:count] for name, tensor in observations.items()}
         with self.policy.precision(chosen):
             loss: Tensor = self.policy.model.segmentation_loss(chosen)

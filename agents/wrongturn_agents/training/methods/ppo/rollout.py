@@ -1,41 +1,73 @@
-"""A rollout on the device, whose pictures stay bytes."""
+"""A rollout on the device, whose pictures stay bytes: what the policy sees, and the buffer that keeps it."""
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.buffers import RolloutBuffer
+from stable_baselines3.common.type_aliases import DictRolloutBufferSamples
+from stable_baselines3.common.vec_env import VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from torch import Tensor
 
-from wrongturn_agents.training.driving_env import Observations
+from wrongturn_agents.models import ActorCritic
+from wrongturn_agents.training.driving_env import DrivingVecEnv, Observations
+from wrongturn_agents.training.methods.ppo.config import PPOConfig
 from wrongturn_agents.training.stopwatch import Stopwatch
 
-_KINDS = {
-    np.dtype(np.uint8): torch.uint8,
-    np.dtype(np.int64): torch.int64,
-    np.dtype(np.float32): torch.float32,
-    np.dtype(np.float16): torch.bfloat16,  # features; gymnasium knows no bfloat16
-}
+FEATURES = "features"
+"""Key of a frozen encoder's features, in place of the picture."""
 
 
-class Samples(NamedTuple):
-    """A minibatch of b frames, on the device."""
+class SeenVecEnv(VecEnvWrapper):
+    """Environments as the policy sees them. Their stopwatch counts this as ``encode``.
 
-    observations: Observations
-    """(b, ...) for each key, in the dtypes of the observation space."""
-    actions: Tensor
-    """(b, 2) as sampled, before clipping."""
-    old_values: Tensor
-    """(b,)"""
-    old_log_prob: Tensor
-    """(b,)"""
-    advantages: Tensor
-    """(b,)"""
-    returns: Tensor
-    """(b,)"""
+    The buffer keeps exactly the frame that the policy acted on. So augmentation is part of the world, not of the loss,
+    and the policy's ratio is 1 before anything is learned. If the encoder is frozen, each frame is encoded once, and
+    RGB is not kept.
+    """
+
+    def __init__(self, envs: DrivingVecEnv, agent: ActorCritic, config: PPOConfig) -> None:
+        self._agent, self._config, self._stopwatch = agent, config, envs.stopwatch
+        space = dict(envs.observation_space.spaces)
+        if config.pretrained:
+            space.pop("rgb")
+            space[FEATURES] = spaces.Box(-np.inf, np.inf, (agent.encoder.width,), np.float16)
+        super().__init__(envs, observation_space=spaces.Dict(space))
+
+    def reset(self) -> Observations:
+        """Start new drives."""
+        return self._seen(self.venv.reset())
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Step the environments and return what the policy sees."""
+        observation, rewards, dones, infos = self.venv.step_wait()
+        last = [i for i in np.flatnonzero(dones).tolist() if "terminal_observation" in infos[i]]
+        if last and self._config.pretrained:
+            given = [infos[i]["terminal_observation"] for i in last]
+            features = self._encoded({"rgb": torch.stack([one["rgb"] for one in given])})
+            for i, one, row in zip(last, given, features, strict=True):
+                infos[i]["terminal_observation"] = {**_without_rgb(one), FEATURES: row}
+        return self._seen(observation), rewards, dones, infos
+
+    @torch.no_grad()
+    def _seen(self, observation: Observations) -> Observations:
+        with self._stopwatch.part("encode"):
+            seen = dict(self._agent.disturb(observation)) if self._config.disturbed else observation
+            return {**_without_rgb(seen), FEATURES: self._encoded(seen)} if self._config.pretrained else seen
+
+    @torch.no_grad()
+    def _encoded(self, observation: Observations) -> Tensor:
+        kind = observation["rgb"].device.type
+        with torch.autocast(kind, torch.bfloat16, enabled=self._config.bf16 and kind == "cuda"):
+            return self._agent.encode(observation).to(torch.bfloat16)
+
+
+def _without_rgb(observation: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in observation.items() if name != "rgb"}
 
 
 class DeviceRolloutBuffer(RolloutBuffer):
@@ -53,7 +85,7 @@ class DeviceRolloutBuffer(RolloutBuffer):
 
     def reset(self) -> None:
         """Start a new rollout in the same tensors."""
-        if not hasattr(self, "_tensors"):
+        if not hasattr(self, "log_probs"):
             self._allocate()
         self.pos = 0
         self.full = False
@@ -65,9 +97,8 @@ class DeviceRolloutBuffer(RolloutBuffer):
         def make(*more: int, kind: torch.dtype = torch.float32) -> Tensor:
             return torch.zeros((*shape, *more), dtype=kind, device=self.device)
 
-        self._tensors = True
         self.observations: Observations = {
-            name: make(*(space.shape or ()), kind=_KINDS[space.dtype]) for name, space in self.observation_space.items()
+            name: make(*(space.shape or ()), kind=_kind(space)) for name, space in self.observation_space.items()
         }
         self.actions = make(self.action_dim)
         self.rewards, self.returns, self.advantages = make(), make(), make()
@@ -112,7 +143,7 @@ class DeviceRolloutBuffer(RolloutBuffer):
             lasting = 1.0 - self.episode_starts[step]
         torch.add(self.advantages, self.values, out=self.returns)
 
-    def get(self, batch_size: int | None = None) -> Iterator[Samples]:
+    def get(self, batch_size: int | None = None) -> Iterator[DictRolloutBufferSamples]:
         """Yield every frame once, in minibatches in random order (from the device's torch generator)."""
         assert self.full, "the rollout is not complete"
         count = self.buffer_size * self.n_envs
@@ -123,4 +154,10 @@ class DeviceRolloutBuffer(RolloutBuffer):
             for tensor in (self.actions, self.values, self.log_probs, self.advantages, self.returns)
         ]
         for chosen in torch.split(order, batch_size or count):
-            yield Samples({name: tensor[chosen] for name, tensor in flat.items()}, *(tensor[chosen] for tensor in rest))
+            observations = {name: tensor[chosen] for name, tensor in flat.items()}
+            yield DictRolloutBufferSamples(observations, *(tensor[chosen] for tensor in rest))
+
+
+def _kind(space: spaces.Space[Any]) -> torch.dtype:
+    """Return the type of a key's tensors. Features are float16 in their space: gymnasium knows no bfloat16."""
+    return torch.bfloat16 if space.dtype == np.float16 else torch.from_numpy(np.empty(0, space.dtype)).dtype

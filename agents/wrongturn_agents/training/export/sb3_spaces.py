@@ -1,8 +1,10 @@
-"""What a policy of Stable-Baselines3 takes, and how that is made from an observation."""
+"""What a policy of Stable-Baselines3 takes, made from an observation, and what its actions mean."""
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -10,14 +12,17 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecNormalize
 
+from wrongturn_agents.training.action import ACTION_SPACE, controls
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.sb3_policy import SavedPolicy
 from wrongturn_protocol import Track
-from wrongturn_protocol.observations import FIELDS, Field, Observation, observation_space
+from wrongturn_protocol.model_contract import CONTROLS
+from wrongturn_protocol.observations import FIELDS, Field, Observation, action_space, observation_space
 from wrongturn_protocol.space_text import in_short
 
 _TRACKS: Final = (Track.STATE, Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)  # smaller tracks first
 _CHANNELS_FIRST: Final = (2, 0, 1)
+_TABLE = "a JSON list with [steer, accelerate] or [steer, throttle, brake] for each action, such as [[0, 0.5], [0, -1]]"
 
 
 @dataclass(frozen=True)
@@ -48,7 +53,7 @@ class Taken:
 
 def taken_by(saved: SavedPolicy, statistics: VecNormalize | None) -> tuple[Track, tuple[Taken, ...]]:
     """Return the track of a policy, and the keys that it takes."""
-    seen = _by_key(saved.observation_space)
+    seen = _by_key(saved.policy.observation_space)
     track = _track(tuple(seen))
     fields = [field for field in FIELDS[track] if field.name in seen]
     keys = tuple(_taken(field, seen[field.name], statistics, alone=saved.takes_one) for field in fields)
@@ -187,3 +192,61 @@ def _first(field: Field) -> tuple[int, ...] | None:
     if not field.image or len(field.shape) != len(_CHANNELS_FIRST):
         return None
     return tuple(field.shape[axis] for axis in _CHANNELS_FIRST)
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """How a policy's actions become controls."""
+
+    outputs: tuple[str, ...]
+    """Names of the controls, as the contract of a model has them."""
+    table: NDArray[np.float32] | None = None
+    """(n, 2) or (n, 3): controls of each discrete action; None if an action is the controls."""
+
+    def controls(self, action: NDArray[Any]) -> NDArray[np.float32]:
+        """Return steer, throttle and brake, (3,), of an action from ``predict``."""
+        given = action if self.table is None else self.table[int(action)]
+        return controls(given) if len(self.outputs) == 2 else np.asarray(given, np.float32)
+
+
+def meaning_of(space: spaces.Space[Any], file: Path | None) -> Meaning:
+    """Return what the actions of a space mean.
+
+    Args:
+        space: the policy's action space: one of our environments', or discrete.
+        file: JSON file with the controls of each discrete action.
+    """
+    if isinstance(space, spaces.Discrete):
+        if file is None:
+            raise TrainingError(f"--actions: is missing: the policy has {space.n} discrete actions; name {_TABLE}")
+        table = _table(file, int(space.n))
+        return Meaning(CONTROLS[table.shape[1] - 2], table)
+    if file is not None:
+        raise TrainingError(f"--actions: is for discrete actions, and the policy's are {in_short(space)}; leave it out")
+    for ours, outputs in ((ACTION_SPACE, CONTROLS[0]), (action_space(), CONTROLS[1])):
+        if space == ours:
+            return Meaning(outputs)
+    raise TrainingError(
+        f"action space: {in_short(space)} is none of ours; train with {action_space()} (steer, throttle, brake), with "
+        f"{ACTION_SPACE} (steer, accelerate), or with discrete actions and --actions"
+    )
+
+
+def _table(file: Path, number: int) -> NDArray[np.float32]:
+    """Return the controls of each discrete action."""
+    try:
+        rows = np.array(json.loads(file.read_text("utf-8")), np.float32)
+    except OSError as error:
+        raise TrainingError(f"--actions: {file} cannot be read ({error.strerror}); name another") from error
+    except (ValueError, TypeError) as error:
+        raise TrainingError(f"--actions: {file} is not as it should be ({error}); name {_TABLE}") from error
+    if rows.ndim != 2 or rows.shape[0] != number or rows.shape[1] not in {2, 3}:
+        raise TrainingError(f"--actions: {file} has shape {rows.shape}, and the policy {number} actions; name {_TABLE}")
+    limits = ACTION_SPACE if rows.shape[1] == 2 else action_space()
+    for row in rows:
+        if not limits.contains(row):
+            raise TrainingError(
+                f"--actions: {row.tolist()} is out of range; steer and accelerate go from -1 to 1, "
+                "throttle and brake from 0 to 1"
+            )
+    return rows
