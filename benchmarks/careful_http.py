@@ -59,7 +59,7 @@ class TimedCalls(HttpDrive):
     """Drives over HTTP, and times steps and resets apart."""
 
     def __init__(self, client: Client, parallel: int, steps: Stopwatch, resets: Stopwatch) -> None:
-        super().__init__(client._http, parallel)
+        super().__init__(client, client._transport.patience, parallel)
         self._watches = {Call.STEP.value: steps, Call.NEXT.value: resets}
         self._begun: dict[int, tuple[Stopwatch, float]] = {}
 

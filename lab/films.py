@@ -28,7 +28,7 @@ from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.stored_results import STORED, Collection
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_agents.training.in_process import DrivenEpisode, drive_in_process
-from wrongturn_client.actions import action_of
+from wrongturn_client.episode_calls import action_of
 from wrongturn_networks import load_suite, load_town
 from wrongturn_protocol import Condition, FaultKind, JunctionType, Outcome, Task, Trial, Verdict, View
 from wrongturn_protocol.episodes import twin_id

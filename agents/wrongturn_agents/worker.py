@@ -29,7 +29,7 @@ from wrongturn_client import (
     OwnerNameTakenError,
     WrongturnError,
 )
-from wrongturn_client.actions import action_of, is_of_action
+from wrongturn_client.episode_calls import action_of
 from wrongturn_client.local_service import FOR_ONE_COMMAND
 from wrongturn_client.settings import OPERATOR_TOKEN, OWNER_TOKEN
 from wrongturn_protocol import Action, AgentKind, EvaluationDetail, EvaluationState, ProblemType, RegisteredAgent
@@ -261,6 +261,6 @@ class GuardedAgent:
             called = f"agent: {self._name}.{method}"
             if isinstance(error, ActionError):
                 raise AgentFailedError(f"{called} made no action: {error}") from None
-            if isinstance(error, ValidationError) and is_of_action(error):
+            if isinstance(error, ValidationError) and error.title == Action.__name__:
                 raise AgentFailedError(f"{called} made no action: {action_error(error)}") from None
             raise AgentFailedError(f"{called} raised {type(error).__name__}: {error}") from error

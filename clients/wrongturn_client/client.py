@@ -1,37 +1,29 @@
 """The calls of a Wrongturn service, each a method."""
 
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import urlsplit
-from urllib.request import getproxies, proxy_bypass
 
 import httpx
 import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_client import settings
-from wrongturn_client.commitment import check_commitment
-from wrongturn_client.connections import Upload
-from wrongturn_client.decoding import validated
 from wrongturn_client.drive import DriveSocket
-from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, EpisodeCalls, Result
-from wrongturn_client.errors import ApiError, EvaluationOpenError, NotOfferedError, ProtocolError, WrongturnError
-from wrongturn_client.evaluation import Episode, EpisodePage, Evaluation, at, keep
-from wrongturn_client.evaluation_driver import EvaluationDriver
+from wrongturn_client.episode_calls import DriveConnection, validated
+from wrongturn_client.errors import NotOfferedError, ProtocolError
+from wrongturn_client.evaluating import Progress, evaluate
+from wrongturn_client.evaluation import Episode, EpisodePage, Evaluation, at
 from wrongturn_client.http_drive import HttpCalls, HttpDrive
-from wrongturn_client.policy import Policy, PolicyMaker, maker_of
-from wrongturn_client.progress_line import ProgressLine
-from wrongturn_client.recorder import EpisodeRecorder, installed_versions
+from wrongturn_client.policy import Policy, PolicyMaker
 from wrongturn_client.rest import AccountCalls, PublicCalls
 from wrongturn_client.run_files import run_lines
-from wrongturn_client.transport import JSON, MSGPACK, Transport, path_of
+from wrongturn_client.transport import JSON, MSGPACK, Transport, Upload, is_proxied, path_of
 from wrongturn_protocol import (
     EpisodeRecord,
     EpisodeState,
-    EvaluationState,
     ResultsRequest,
     RunFile,
     SubmissionDetail,
@@ -46,11 +38,8 @@ from wrongturn_protocol.submissions import MODEL, NAME, SUITE
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Progress = Callable[[int, int], None]
-"""Called with the numbers of finished and of all episodes, or of sent and of all bytes."""
 
-
-class Client(EpisodeCalls, PublicCalls, AccountCalls):
+class Client(HttpCalls, PublicCalls, AccountCalls):
     """Client of one service. Its methods may be called from several threads.
 
     Every method raises :class:`~wrongturn_client.ServiceUnreachableError` if nobody answers, and an
@@ -93,10 +82,7 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
             timeout=timeout,
             patience=patience,
         )
-        self._http = HttpCalls(self._transport, MSGPACK if binary else JSON)
-        self._binary = binary
-        self._timeout = timeout
-        self._injected = transport is not None
+        self._media_type = MSGPACK if binary else JSON
 
     def close(self) -> None:
         """Close the connections."""
@@ -180,46 +166,9 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
             PolicyError: The policy returned something that is not an action.
             Exception: Whatever the policy raises. The episode then counts as aborted; you can resume the evaluation.
         """
-        if parallel < 1:
-            raise ValueError(f"parallel: is {parallel}; drive 1 episode at a time or more")
-        make_policy = maker_of(policy)
-        tell = _teller(progress, suite)
-        if evaluation is None:
-            try:
-                detail = self.create_evaluation(suite)
-            except EvaluationOpenError as error:
-                if not error.evaluation:
-                    raise
-                detail, evaluation = self.evaluation(error.evaluation), error.evaluation
-        else:
-            detail = self.evaluation(evaluation)
-        if detail.suite != suite:
-            raise WrongturnError(f"evaluation: {detail.id} is on the suite {detail.suite}, not on {suite}")
-        if detail.state is EvaluationState.CANCELLED:
-            raise WrongturnError(f"evaluation: {detail.id} was cancelled; begin a new one")
-        records: list[EpisodeRecord] = []
-        finished = detail.finished
-
-        def count(recorder: EpisodeRecorder | None) -> None:
-            nonlocal finished
-            finished += 1
-            if recorder is not None:
-                records.append(recorder.record())
-            tell(min(finished, detail.trials), detail.trials)
-
-        tell(min(finished, detail.trials), detail.trials)
-        if detail.state is EvaluationState.RUNNING:
-            resumed = [] if evaluation is None else [episode.id for episode in self.open_episodes(detail.id)]
-            with self.connection(parallel) as connection:
-                EvaluationDriver(
-                    connection, make_policy, detail.id, parallel=parallel, resumed=resumed, on_end=count
-                ).run()
-        if records:
-            self.put_results(detail.id, records, {**installed_versions(), **(versions or {})})
-        done = self.evaluation(detail.id)
-        check_commitment(detail, done)
-        keep(done, self.finished_episodes(done.id))
-        return done
+        return evaluate(
+            self, policy, suite, evaluation=evaluation, progress=progress, versions=versions, parallel=parallel
+        )
 
     def run_file(self, evaluation: str) -> RunFile:
         """Return a finished evaluation with its agent, outcomes and trajectories. It needs no token.
@@ -277,14 +226,17 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
         Raises:
             NotOfferedError: The service, or a proxy before it, has no such WebSocket. HTTP does the same.
         """
-        url = urlsplit(self.url)
-        if not self._binary:
-            raise NotOfferedError("the WebSocket is binary; this client was asked for JSON")
-        if self._injected or (url.scheme in getproxies() and not proxy_bypass(url.hostname or "")):
-            raise NotOfferedError("no WebSocket through a proxy or another transport; HTTP does the same")
         transport = self._transport
+        if self._media_type == JSON:
+            raise NotOfferedError("the WebSocket is binary; this client was asked for JSON")
+        if transport.injected is not None or is_proxied(transport.parts):
+            raise NotOfferedError("no WebSocket through a proxy or another transport; HTTP does the same")
         return DriveSocket(
-            url, self._token, timeout=self._timeout, patience=transport.patience, availability=transport.availability
+            transport.parts,
+            self._token,
+            timeout=transport.timeout,
+            patience=transport.patience,
+            contact=transport.contact,
         )
 
     def connection(self, parallel: int) -> DriveConnection:
@@ -296,7 +248,7 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
         try:
             return self.drive()
         except NotOfferedError:
-            return HttpDrive(self._http, parallel)
+            return HttpDrive(self, self._transport.patience, parallel)
 
     # Submissions
 
@@ -319,8 +271,8 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
         """
         fields = {SUITE: suite} if name is None else {SUITE: suite, NAME: name}
         upload = Upload(Path(file), MODEL, fields, progress)
-        headers = {"Idempotency-Key": str(uuid.uuid4())}
-        return validated(SubmissionDetail, self._transport.send_form("/v1/submissions", upload, headers).message())
+        answer = self._transport.send_form("/v1/submissions", upload, str(uuid.uuid4()))
+        return validated(SubmissionDetail, answer.message())
 
     def submissions(self) -> tuple[SubmissionDetail, ...]:
         """Return the submissions of this client's token, the newest first."""
@@ -341,20 +293,3 @@ class Client(EpisodeCalls, PublicCalls, AccountCalls):
         by :meth:`cancel_evaluation`. One that is over stays as it is.
         """
         return self._call(SubmissionDetail, "DELETE", "submissions", submission)
-
-    def _answer(self, call: EpisodeCall) -> Result:
-        try:
-            return self._http.send(call)
-        except ApiError as error:
-            return error
-
-
-def _teller(progress: Progress | bool | None, suite: str) -> Progress:
-    """Return what shows the progress of an evaluation, as :meth:`Client.evaluate` was told."""
-    if progress is True:
-        return ProgressLine(suite)
-    if progress is None or progress is False:
-        return lambda finished, total: None  # noqa: ARG005
-    if not callable(progress):
-        raise TypeError(f"progress: is {progress!r}; give True, or a function of two numbers")
-    return progress

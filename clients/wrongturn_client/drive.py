@@ -8,13 +8,9 @@ from urllib.parse import SplitResult
 
 from pydantic import ValidationError
 
-from wrongturn_client.availability import Availability
-from wrongturn_client.connections import ConnectionBrokeError
 from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, Result
-from wrongturn_client.errors import ApiError, ProtocolError, ServiceBusyError, ServiceUnreachableError
-from wrongturn_client.one_thread import OneThread
-from wrongturn_client.problems import api_error
-from wrongturn_client.transport import attempts
+from wrongturn_client.errors import ApiError, ProtocolError, ServiceBusyError, ServiceUnreachableError, api_error
+from wrongturn_client.transport import ConnectionBrokeError, Contact, reason_of
 from wrongturn_client.websocket import WebSocketConnection
 from wrongturn_protocol import Problem
 from wrongturn_protocol.wire import CALLS, RETRY_AFTER, MalformedMessageError, arrays, pack_calls, unpack_results
@@ -36,7 +32,7 @@ class DriveSocket(DriveConnection):
         *,
         timeout: float = 30.0,
         patience: float = 60.0,
-        availability: Availability | None = None,
+        contact: Contact | None = None,
     ) -> None:
         """Connect to the service.
 
@@ -45,23 +41,19 @@ class DriveSocket(DriveConnection):
             token: An agent's token.
             timeout: Seconds for each wait for an answer.
             patience: Seconds for which to try again while the service is busy or does not answer; 0 for never.
-            availability: What the client knows of the service. By default nothing; the first attempts then end soon.
+            contact: What the client knows of the service. By default nothing; the first attempts then end soon.
 
         Raises:
             ServiceUnreachableError: Nobody answers.
             NotOfferedError: There is no such WebSocket.
             ApiError: The service refuses.
         """
-        self.patience = patience
-        self._url = url
-        self._availability = availability or Availability(url.geturl())
+        super().__init__(patience)
+        self._contact = contact or Contact(url.geturl())
         self._open = partial(WebSocketConnection, url, token, timeout)
         self._connection: WebSocketConnection | None = None
-        self._alone = OneThread()
         self._number = 0
         self._unanswered: dict[int, bytes] = {}
-        self._early: dict[int, list[Result]] = {}
-        """Results that came while another message was waited for."""
         self._connect()
 
     def close(self) -> None:
@@ -79,56 +71,35 @@ class DriveSocket(DriveConnection):
             self._unanswered[number] = message = pack_calls(number, calls)
             try:
                 self._connected().send(message)
-            except ConnectionBrokeError:
+            except OSError:
                 self._connect()
             return number
 
-    def receive(self) -> tuple[int, list[Result]]:
-        """Wait for any answered message and return its number and results."""
-        with self._alone:
-            if self._early:
-                number = next(iter(self._early))
-                return number, self._early.pop(number)
-            return self._receive()
-
-    def exchange(self, calls: Sequence[EpisodeCall], patience: float | None = None) -> list[Result]:
-        """Send a message of calls and return their results; calls that meet a busy service are repeated."""
-        with self._alone:
-            results = self._wait(self.submit(calls))
-            self.retry_busy(calls, results, patience)
-            return results
-
-    def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result], patience: float | None = None) -> None:
+    def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result]) -> None:
         """Repeat the calls that met a busy service, and replace their results."""
         if ServiceBusyError not in map(type, results):
             return  # as nearly always, so this check is quick
-        busy = [at for at, result in enumerate(results) if isinstance(result, ServiceBusyError)]
-        first = True
-        with contextlib.suppress(ServiceBusyError):  # the results say so
-            for attempt in attempts(self.patience if patience is None else patience, self._availability):
-                with attempt:
-                    if not first:
-                        again = self._wait(self.submit([calls[at] for at in busy]))
-                        for at, result in zip(busy, again, strict=True):
-                            results[at] = result
-                    first = False
-                    refusals = {at: error for at in busy if isinstance(error := results[at], ServiceBusyError)}
-                    busy = list(refusals)
-                    if busy:
-                        raise max(refusals.values(), key=lambda error: error.retry_after or 0.0)
+        begun = False
 
-    def _wait(self, wanted: int) -> list[Result]:
-        while True:
-            number, results = self._receive()
-            if number == wanted:
-                return results
-            self._early[number] = results
+        def attempt() -> None:
+            nonlocal begun
+            busy = [at for at, result in enumerate(results) if isinstance(result, ServiceBusyError)]
+            if begun:
+                again = self._results_of(self.submit([calls[at] for at in busy]))
+                for at, result in zip(busy, again, strict=True):
+                    results[at] = result
+            begun = True
+            if refusals := [result for result in results if isinstance(result, ServiceBusyError)]:
+                raise max(refusals, key=lambda error: error.retry_after or 0.0)
+
+        with contextlib.suppress(ServiceBusyError):  # the results say so
+            self._contact.persist(attempt, self.patience)
 
     def _receive(self) -> tuple[int, list[Result]]:
         while True:
             try:
                 number, results = unpack_results(self._connected().receive())
-            except ConnectionBrokeError:
+            except OSError:
                 self._connect()
                 continue
             except MalformedMessageError as error:
@@ -150,25 +121,24 @@ class DriveSocket(DriveConnection):
 
     def _connect(self) -> None:
         """Connect, and send unanswered messages again."""
-        before, self._connection = self._connection, None
-        if before is not None:
-            before.close()
+        self.close()
+
+        def attempt() -> WebSocketConnection:
+            connection = self._open(offered=self._contact.offers_socket)
+            try:
+                for message in self._unanswered.values():
+                    connection.send(message)
+            except BaseException:
+                connection.close()
+                raise
+            return connection
+
         try:
-            for attempt in attempts(self.patience, self._availability):
-                with attempt:
-                    connection = self._open(offered=self._availability.offers_socket)
-                    try:
-                        for message in self._unanswered.values():
-                            connection.send(message)
-                    except BaseException:
-                        connection.close()
-                        raise
-                    self._connection = connection
-                    self._availability.answered()
-                    self._availability.offers_socket = True
-                    return
-        except ConnectionBrokeError as error:
-            raise ServiceUnreachableError(self._url.geturl(), str(error)) from error.__cause__
+            self._connection = self._contact.persist(attempt, self.patience)
+        except OSError as error:
+            raise ServiceUnreachableError(self._contact.url, reason_of(error)) from error
+        self._contact.answered()
+        self._contact.offers_socket = True
 
 
 def _read(result: list[Any]) -> Result:

@@ -1,17 +1,19 @@
-"""The calls that drive an episode. A WebSocket, HTTP and the client itself all answer them."""
+"""The calls that drive an episode, and their replies. A WebSocket, HTTP and the client itself all answer them."""
 
+import threading
 import uuid
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, TypeVar
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
-from wrongturn_client.actions import action_of
 from wrongturn_client.closing import Closing
-from wrongturn_client.decoding import validated
-from wrongturn_client.errors import ApiError
-from wrongturn_protocol import Action, ActionLike, EpisodeDetail, EpisodeReply, PracticeRequest, StepReply
+from wrongturn_client.errors import ApiError, InvalidActionError, ProtocolError, WrongturnError
+from wrongturn_protocol import Action, ActionLike, EpisodeDetail, EpisodeReply, PracticeRequest, StepReply, Track
+from wrongturn_protocol.actions import three_numbers
+from wrongturn_protocol.episodes import ActionError
+from wrongturn_protocol.observations import FIELDS
 from wrongturn_protocol.wire import Call
 
 M = TypeVar("M", bound=BaseModel)
@@ -20,6 +22,18 @@ EpisodeCall = Sequence[Any]
 Result = dict[str, Any] | ApiError
 """The fields of the reply with the observation as arrays, or the service's refusal."""
 _STEP: Final = Call.STEP.value
+_TRACKS: Final = {frozenset(field.name for field in fields): track for track, fields in FIELDS.items()}
+_SAME_VERSION: Final = "are the service and this client of the same version?"
+
+
+def action_of(given: object) -> Action:
+    """Return what an agent gave as an action that can be driven; raise InvalidActionError if it is none."""
+    try:
+        if isinstance(given, Action):  # checked again, because model_construct and model_copy check nothing
+            return Action(given.steer, given.throttle, given.brake)
+        return Action(*three_numbers(given, InvalidActionError))
+    except ActionError as error:
+        raise InvalidActionError(str(error)) from None
 
 
 def step_call(episode: str, seq: int, action: ActionLike) -> list[Any]:
@@ -45,6 +59,51 @@ def granted(result: Result) -> dict[str, Any]:
     if isinstance(result, ApiError):
         raise result
     return result
+
+
+def validated(kind: type[M], message: Any) -> M:
+    """Return plain values as a message of this kind; raise ProtocolError if they are none."""
+    try:
+        # model_validate does the same, but first looks at options that are not given here.
+        found: M = kind.__pydantic_validator__.validate_python(message)
+        return found
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ProtocolError(
+            f"the answer is not a valid {kind.__name__} ({where}: {first['msg']}); {_SAME_VERSION}"
+        ) from error
+
+
+def track_of_message(observation: Mapping[str, Any]) -> Track:
+    """Return the track of an observation, by its keys; raise ProtocolError if no track has exactly these."""
+    track = _TRACKS.get(frozenset(observation))
+    if track is None:
+        raise ProtocolError(f"no track has observations of just {', '.join(sorted(observation))}; {_SAME_VERSION}")
+    return track
+
+
+class OneThread:
+    """Context in which one thread uses an environment or a connection; it may enter it again.
+
+    Two threads would take each other's replies, or drive the same step. Another thread gets a WrongturnError.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            raise WrongturnError(
+                "an environment or connection is used by two threads at a time; make one for each thread, or take turns"
+            )
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    def __reduce__(self) -> tuple[type["OneThread"], tuple[()]]:
+        """Pickle what holds this: in another process nobody is inside."""
+        return OneThread, ()
 
 
 class EpisodeCalls(Closing):
@@ -105,38 +164,48 @@ class DriveConnection(EpisodeCalls):
     One thread may use it at a time; another one gets a WrongturnError.
     """
 
-    patience: float
-    """Seconds for which calls are repeated while the service is busy or does not answer; 0 for never."""
+    def __init__(self, patience: float) -> None:
+        self.patience = patience
+        """Seconds for which calls are repeated while the service is busy or does not answer; 0 for never."""
+        self._alone = OneThread()
+        self._early: dict[int, list[Result]] = {}
+        """Results that came while another message was waited for."""
 
     @abstractmethod
     def submit(self, calls: Sequence[EpisodeCall]) -> int:
-        """Send a message of calls and return its number; raises as :meth:`exchange`."""
+        """Send a message of 1 to 256 calls and return its number; raises as :meth:`exchange`."""
 
     @abstractmethod
-    def receive(self) -> tuple[int, list[Result]]:
-        """Wait for any answered message and return its number and results; raises as :meth:`exchange`."""
+    def _receive(self) -> tuple[int, list[Result]]:
+        """Wait for an answered message and return its number and results."""
 
-    @abstractmethod
-    def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result], patience: float | None = None) -> None:
+    def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result]) -> None:
         """Repeat the calls of a message that met a busy service, and replace their results.
 
-        Calls that still meet a busy service after ``patience`` seconds (by default the connection's) keep their error.
+        Calls that still meet a busy service when the patience ends keep their error.
         """
 
-    @abstractmethod
-    def exchange(self, calls: Sequence[EpisodeCall], patience: float | None = None) -> list[Result]:
-        """Send a message of calls and return their results. Calls that meet a busy service are repeated.
+    def receive(self) -> tuple[int, list[Result]]:
+        """Wait for any answered message and return its number and results; raises as :meth:`exchange`."""
+        with self._alone:
+            if self._early:
+                number = next(iter(self._early))
+                return number, self._early.pop(number)
+            return self._receive()
+
+    def exchange(self, calls: Sequence[EpisodeCall]) -> list[Result]:
+        """Send a message of 1 to 256 calls and return their results. Calls that meet a busy service are repeated.
 
         After an error you can send the same calls again: none has its effect twice.
-
-        Args:
-            calls: The calls, 256 at most.
-            patience: Seconds for which busy calls are repeated; the connection's own by default.
 
         Raises:
             ServiceUnreachableError: Nobody answered within the patience.
             ApiError: The service refused the connection.
         """
+        with self._alone:
+            results = self._results_of(self.submit(calls))
+            self.retry_busy(calls, results)
+            return results
 
     def steps(self, steps: Sequence[tuple[str, int, ActionLike]]) -> list[StepReply | ApiError]:
         """Drive several episodes for 0.1 s in one message; return a reply or an error for each.
@@ -146,6 +215,13 @@ class DriveConnection(EpisodeCalls):
         """
         results = self.exchange([step_call(*step) for step in steps])
         return [result if isinstance(result, ApiError) else validated(StepReply, result) for result in results]
+
+    def _results_of(self, wanted: int) -> list[Result]:
+        while True:
+            number, results = self._receive()
+            if number == wanted:
+                return results
+            self._early[number] = results
 
     def _answer(self, call: EpisodeCall) -> Result:
         return self.exchange([call])[0]

@@ -37,10 +37,15 @@
         └── ServiceFailedError       the service failed: 5xx
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
+
+from wrongturn_protocol.vocabulary import ProblemType
 
 if TYPE_CHECKING:  # pydantic is slow to import, and the program needs its errors first
     from wrongturn_protocol import Problem
+
+_BY_TYPE: Final[dict[str, "type[ApiError]"]] = {}
+"""The errors for single types of problems; for others the status decides."""
 
 
 class WrongturnError(Exception):
@@ -114,6 +119,9 @@ class PluginError(WrongturnError):
 class ApiError(WrongturnError):
     """The service refused a call."""
 
+    def __init_subclass__(cls, types: tuple[ProblemType, ...] = ()) -> None:
+        _BY_TYPE.update(dict.fromkeys(types, cls))
+
     def __init__(self, problem: "Problem", retry_after: float | None = None) -> None:
         said = problem.detail or problem.title
         fields = "; ".join(f"{error.path}: {error.message}" for error in problem.errors if error.message not in said)
@@ -134,11 +142,13 @@ class ApiError(WrongturnError):
         return self.problem.status
 
 
-class AuthenticationError(ApiError):
+class AuthenticationError(
+    ApiError, types=(ProblemType.UNAUTHENTICATED, ProblemType.FORBIDDEN, ProblemType.REGISTRATION_CLOSED)
+):
     """No token, somebody else's token, or registration is closed."""
 
 
-class InvalidRequestError(ApiError):
+class InvalidRequestError(ApiError, types=(ProblemType.FAULT_NOT_APPLICABLE, ProblemType.TRACK_NOT_AVAILABLE)):
     """A field is wrong, or does not apply."""
 
 
@@ -150,15 +160,15 @@ class ConflictError(ApiError):
     """The call does not fit earlier calls."""
 
 
-class AgentNameTakenError(ConflictError):
+class AgentNameTakenError(ConflictError, types=(ProblemType.AGENT_NAME_TAKEN,)):
     """Another agent has the name."""
 
 
-class OwnerNameTakenError(ConflictError):
+class OwnerNameTakenError(ConflictError, types=(ProblemType.OWNER_NAME_TAKEN,)):
     """Another owner has the name."""
 
 
-class EvaluationOpenError(ConflictError):
+class EvaluationOpenError(ConflictError, types=(ProblemType.EVALUATION_OPEN,)):
     """The agent has an evaluation on the suite that is not finished."""
 
     @property
@@ -167,41 +177,53 @@ class EvaluationOpenError(ConflictError):
         return next((error.message for error in self.problem.errors if error.path == "evaluation"), "")
 
 
-class EvaluationFinishedError(ConflictError):
+class EvaluationFinishedError(ConflictError, types=(ProblemType.EVALUATION_FINISHED,)):
     """No trial is left."""
 
 
-class EvaluationCancelledError(ConflictError):
+class EvaluationCancelledError(ConflictError, types=(ProblemType.EVALUATION_CANCELLED,)):
     """The evaluation was cancelled."""
 
 
-class NoTrialAvailableError(ConflictError):
+class NoTrialAvailableError(ConflictError, types=(ProblemType.NO_TRIAL_AVAILABLE,)):
     """No trial is free now: only the twin of an open trial is left, or the limit of open episodes is reached."""
 
 
-class EpisodeFinishedError(ConflictError):
+class EpisodeFinishedError(ConflictError, types=(ProblemType.EPISODE_FINISHED,)):
     """The episode is over."""
 
 
-class ResultsMismatchError(ConflictError):
+class ResultsMismatchError(ConflictError, types=(ProblemType.RESULTS_MISMATCH,)):
     """The worker's own record differs from what the service saw."""
 
 
-class EpisodeLostError(ApiError):
+class EpisodeLostError(ApiError, types=(ProblemType.EPISODE_LOST,)):
     """The service was restarted while the episode was open; its trial is driven again, and nothing is counted."""
 
 
-class SubmissionsUnavailableError(ApiError):
+class SubmissionsUnavailableError(ApiError, types=(ProblemType.SUBMISSIONS_UNAVAILABLE,)):
     """The service takes no submissions: it has no sandbox, or its operator turned them off. The message says which."""
 
 
-class ServiceBusyError(ApiError):
+class ServiceBusyError(
+    ApiError, types=(ProblemType.RATE_LIMITED, ProblemType.SIMULATORS_BUSY, ProblemType.SHUTTING_DOWN)
+):
     """The service asks to be called again later; the client does so for a while before it raises this."""
 
 
-class QuotaReachedError(ApiError):
+class QuotaReachedError(ApiError, types=(ProblemType.QUOTA_REACHED,)):
     """You, or the address that registered you, have as much stored as may be. The message says what helps."""
 
 
 class ServiceFailedError(ApiError):
     """The service failed."""
+
+
+def api_error(problem: "Problem", retry_after: float | None = None) -> ApiError:
+    """Return the error for a problem, by its type or else by its status."""
+    status = problem.status
+    by_status = {401: AuthenticationError, 403: AuthenticationError, 404: NotFoundError, 409: ConflictError}
+    by_status |= dict.fromkeys((429, 502, 503, 504), ServiceBusyError)
+    other = ServiceFailedError if status >= 500 else InvalidRequestError
+    kind = _BY_TYPE.get(problem.type.rsplit("/", 1)[-1]) or by_status.get(status, other)
+    return kind(problem, retry_after)

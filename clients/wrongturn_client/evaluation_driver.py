@@ -1,24 +1,27 @@
 """Driving a policy through the trials of an evaluation, over the WebSocket or HTTP."""
 
 import contextlib
+import hashlib
+import statistics
+import struct
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
-from wrongturn_client.actions import action_of
-from wrongturn_client.decoding import track_of_message
 from wrongturn_client.episode_calls import (
     DriveConnection,
     EpisodeCall,
     EpisodeCalls,
     Result,
+    action_of,
     granted,
     next_call,
     step_call,
+    track_of_message,
 )
 from wrongturn_client.errors import (
     EpisodeFinishedError,
@@ -31,9 +34,8 @@ from wrongturn_client.errors import (
     ProtocolError,
     WrongturnError,
 )
-from wrongturn_client.policy import Policy, PolicyMaker, maker_of
-from wrongturn_client.recorder import EpisodeRecorder
-from wrongturn_protocol import Action, ActionLike, EpisodeReply
+from wrongturn_client.policy import Policy, PolicyMaker
+from wrongturn_protocol import Action, EpisodeRecord, EpisodeReply
 from wrongturn_protocol.observations import Observation, observation_space
 from wrongturn_protocol.wire import CALLS, Call
 
@@ -42,9 +44,35 @@ _STALLED_AFTER: Final = 900.0
 _PAUSE: Final = 1.0
 """Seconds, if the service does not say when to ask for a trial again."""
 _LONGEST_PAUSE: Final = 10.0
+_ACTION: Final = struct.Struct("<3f")
 
 _Map = Callable[[Callable[["_OpenEpisode"], None], "list[_OpenEpisode]"], Iterable[None]]
 """``map``, or its counterpart in threads if several episodes are driven at a time."""
+
+
+@dataclass
+class EpisodeRecorder:
+    """Collects what the worker did in one episode."""
+
+    episode: str
+    latencies: list[float] = field(default_factory=list)
+    """Seconds that each decision took."""
+    actions: bytearray = field(default_factory=bytearray)
+    """Little-endian float32 [n, 3]."""
+
+    def add(self, action: Action, latency: float) -> None:
+        """Add a decision and the seconds it took."""
+        self.latencies.append(latency)
+        self.actions += _ACTION.pack(action.steer, action.throttle, action.brake)
+
+    def record(self) -> EpisodeRecord:
+        """Return the record that is posted to the service."""
+        return EpisodeRecord(
+            episode=self.episode,
+            steps=len(self.latencies),
+            actions_sha256=hashlib.sha256(self.actions).hexdigest(),
+            latency_ms=statistics.median(self.latencies) * 1000 if self.latencies else None,
+        )
 
 
 @dataclass
@@ -55,8 +83,8 @@ class _OpenEpisode:
     recorder: EpisodeRecorder | None
     """None for a resumed episode: its first actions are not known here."""
     policy: Policy
-    action: Action | None = None
-    """The action of the step under way."""
+    call: EpisodeCall = ()
+    """That of the step under way."""
 
 
 class EvaluationDriver:
@@ -69,7 +97,7 @@ class EvaluationDriver:
     def __init__(
         self,
         connection: DriveConnection,
-        policy: Policy | PolicyMaker,
+        make_policy: PolicyMaker,
         evaluation: str,
         *,
         parallel: int,
@@ -78,7 +106,7 @@ class EvaluationDriver:
     ) -> None:
         """Create a driver without episodes; ``on_end`` gets the record of each ended one, None for a resumed one."""
         self._connection = connection
-        self._make_policy = maker_of(policy)
+        self._make_policy = make_policy
         self._evaluation = evaluation
         self._parallel = min(parallel, CALLS // 2)
         self._resumed = deque(resumed)
@@ -121,12 +149,13 @@ class EvaluationDriver:
     def _step(self, each: _Map) -> None:
         episodes, self._ready = self._ready, []
         list(each(self._decide, episodes))
-        self._stepping[self._connection.submit([_call(episode) for episode in episodes])] = episodes
+        self._stepping[self._connection.submit([episode.call for episode in episodes])] = episodes
 
     def _decide(self, episode: _OpenEpisode) -> None:
-        episode.action, latency = _decide(self._connection, episode.policy, episode.id, episode.observation)
+        action, latency = _decide(self._connection, episode.policy, episode.id, episode.observation)
+        episode.call = step_call(episode.id, episode.seq + 1, action)
         if episode.recorder is not None:
-            episode.recorder.add(episode.action, latency)
+            episode.recorder.add(action, latency)
 
     def _take(self, number: int, results: list[Result]) -> None:
         call = self._asked.pop(number, None)
@@ -135,7 +164,7 @@ class EvaluationDriver:
             self._begin(call, results[0])
             return
         episodes = self._stepping.pop(number)
-        self._connection.retry_busy([_call(episode) for episode in episodes], results)
+        self._connection.retry_busy([episode.call for episode in episodes], results)
         for episode, result in zip(episodes, results, strict=True):
             self._advance(episode, result)
 
@@ -232,28 +261,18 @@ def _decide(client: EpisodeCalls, policy: Policy, episode: str, observation: Obs
         begin = time.perf_counter()
         given = policy.act(observation)
         latency = time.perf_counter() - begin
-        action = _driven(policy, given)
-    except Exception:
+        return action_of(given), latency
+    except Exception as error:
         _abort(client, episode)
+        if isinstance(error, InvalidActionError):
+            called = f"{type(policy).__name__}.act"
+            raise PolicyError(f"{called} returned no action that can be driven: {error}") from None
         raise
-    return action, latency
-
-
-def _driven(policy: Policy, given: ActionLike) -> Action:
-    try:
-        return action_of(given)
-    except InvalidActionError as error:
-        raise PolicyError(f"{type(policy).__name__}.act returned no action that can be driven: {error}") from None
 
 
 def _abort(client: EpisodeCalls, episode: str) -> None:
     with contextlib.suppress(WrongturnError):  # the first error matters more
         client.abort_episode(episode)
-
-
-def _call(episode: _OpenEpisode) -> EpisodeCall:
-    assert episode.action is not None
-    return step_call(episode.id, episode.seq + 1, episode.action)
 
 
 def _check_seq(episode: str, wanted: int, got: int) -> None:

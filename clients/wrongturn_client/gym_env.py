@@ -7,10 +7,8 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from wrongturn_client.episode_calls import granted, step_call
-from wrongturn_client.errors import EpisodeFinishedError, EpisodeLostError
-from wrongturn_client.one_thread import OneThread
-from wrongturn_client.practice import Practice
+from wrongturn_client.episode_calls import OneThread, granted, step_call
+from wrongturn_client.practice import Practice, PracticeEpisode, step_reply
 from wrongturn_protocol import ActionLike, Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.environments import TrialEnv
 from wrongturn_protocol.observations import Observation
@@ -57,15 +55,12 @@ class RemoteEnv(TrialEnv):
         self._prepare(trials.track, render_mode)
         self._alone = OneThread()
         self._practice = Practice(trials, url, token, patience, transport)
-        self._episode: str | None = None
-        self._ended = True
-        self._seq = 0
-        self._seen: Observation = {}
+        self._episode = PracticeEpisode()
 
     @property
     def episode(self) -> str | None:
         """The service's id of the episode that is open or was the last; None before the first reset."""
-        return self._episode
+        return self._episode.id
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -80,10 +75,9 @@ class RemoteEnv(TrialEnv):
             call = self._practice.call(self.np_random, check_options(options, ("trial",)).get("trial"))
             self._abort()
             (result,) = self._practice.exchange([call])
-            reply = granted(result)
-            self._episode, self._seq, self._ended, self._seen = reply["id"], 0, False, reply["observation"]
+            info = self._episode.begin(granted(result))
             self._watch()
-            return reply["observation"], {"trial": reply["trial"], "town": reply["town"]}
+            return self._episode.seen, info
 
     def step(self, action: ActionLike) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Drive on for 0.1 s. After an error you can repeat the step: it is driven only once.
@@ -97,36 +91,30 @@ class RemoteEnv(TrialEnv):
             WrongturnError: The service does not answer, or refuses.
         """
         with self._alone:
-            if self._episode is None or self._ended:
+            episode = self._episode
+            if episode.id is None or not episode.open:
                 raise ResetNeeded(
-                    f"step {'before the first reset' if self._episode is None else 'after the end'}; call reset"
+                    f"step {'before the first reset' if episode.id is None else 'after the end'}; call reset"
                 )
-            (result,) = self._practice.exchange([step_call(self._episode, self._seq + 1, action)])
-            if isinstance(result, EpisodeLostError | EpisodeFinishedError):
-                self._ended = True
-                return self._seen, 0.0, False, True, {"lost": str(result)}
-            reply = granted(result)
-            self._seq, self._seen = reply["seq"], reply["observation"]
-            terminated, truncated = reply["terminated"], reply["truncated"]
-            self._ended = terminated or truncated
-            self._watch()
-            verdict = reply.get("verdict")
-            info: dict[str, Any] = {} if verdict is None else {"verdict": str(verdict)}
-            return reply["observation"], reply.get("reward") or 0.0, terminated, truncated, info
+            (result,) = self._practice.exchange([step_call(episode.id, episode.seq + 1, action)])
+            reward, terminated, truncated, info = episode.advance(step_reply(result))
+            if "lost" not in info:
+                self._watch()
+            return episode.seen, reward, terminated, truncated, info
 
     def close(self) -> None:
         """End an open episode, and close the connection and the window."""
         super().close()
         self._abort()
         self._practice.close()
-        self._episode = None
+        self._episode = PracticeEpisode()
 
     def _picture(self) -> NDArray[np.uint8]:
-        if self._episode is None:
+        if self._episode.id is None:
             raise ResetNeeded("render before the first reset; call reset")
-        return self._practice.view(self._episode)
+        return self._practice.client.view(self._episode.id)
 
     def _abort(self) -> None:
-        if self._episode is not None and not self._ended:
-            self._practice.abort([self._episode])
-        self._ended = True
+        if self._episode.open:
+            self._practice.abort([self._episode.id])
+        self._episode.open = False

@@ -8,7 +8,7 @@ from urllib.parse import urlencode
 
 from pydantic import BaseModel, ValidationError
 
-from wrongturn_client.decoding import validated
+from wrongturn_client.episode_calls import validated
 from wrongturn_client.errors import ProtocolError
 from wrongturn_client.transport import CSV, Transport, path_of
 from wrongturn_protocol import (
@@ -73,9 +73,8 @@ class RestCalls:
             query["cursor"] = page.next
 
     def _create(self, kind: type[M], body: Any, *path: str) -> M:
-        headers = {"Idempotency-Key": str(uuid.uuid4())}
-        reply = self._transport.call("POST", path_of("v1", *path), body=body, headers=headers)
-        return validated(kind, reply.message())
+        answer = self._transport.call("POST", path_of("v1", *path), body=body, key=str(uuid.uuid4()))
+        return validated(kind, answer.message())
 
 
 class PublicCalls(RestCalls):

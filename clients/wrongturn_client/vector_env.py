@@ -1,5 +1,6 @@
 """Many trials of a service as one environment: ``gymnasium.make_vec("wrongturn_client:Wrongturn-v0", num_envs=16)``."""
 
+import contextlib
 import time
 from collections.abc import Iterable, Sequence
 from typing import Any, Final, Unpack, cast
@@ -11,17 +12,9 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import concatenate, create_empty_array
 from numpy.typing import NDArray
 
-from wrongturn_client.episode_calls import Result, granted
-from wrongturn_client.errors import (
-    ApiError,
-    EpisodeFinishedError,
-    EpisodeLostError,
-    InvalidActionError,
-    ServiceBusyError,
-    ServiceFullError,
-)
-from wrongturn_client.one_thread import OneThread
-from wrongturn_client.practice import Practice
+from wrongturn_client.episode_calls import OneThread, granted
+from wrongturn_client.errors import ApiError, InvalidActionError, ServiceBusyError, ServiceFullError
+from wrongturn_client.practice import Practice, PracticeEpisode, step_reply
 from wrongturn_protocol import Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.environments import TrialVectorEnv
 from wrongturn_protocol.observations import Observation
@@ -82,16 +75,11 @@ class RemoteVectorEnv(TrialVectorEnv):
         trials = TrialOptions.of(town, track, **options)
         self._prepare(num_envs, trials.track, autoreset_mode, render_mode)
         self._alone = OneThread()
-        self._practice = Practice(trials, url, token, patience, transport)
+        self._practice = Practice(trials, url, token, patience, transport, self.num_envs)
         self._slots: int | None = None
         self._calls: dict[int, list[Any]] = {}
         """Calls that begin the next episodes, kept until they succeed: another attempt begins no other episode."""
-        self._episodes: list[str | None] = [None] * self.num_envs
-        """Ids of the open episodes; None if none is open."""
-        self._shown = [""] * self.num_envs
-        """Ids of the episodes that began last, open or not: those that ``render`` shows."""
-        self._seqs = [0] * self.num_envs
-        self._seen: list[Observation] = [{}] * self.num_envs
+        self._episodes = [PracticeEpisode() for _ in range(self.num_envs)]
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -119,7 +107,7 @@ class RemoteVectorEnv(TrialVectorEnv):
             self.closed = False  # so that another close ends what begins now
             infos: dict[str, Any] = {}
             for i, reply in zip(asked, self._begin_all(list(asked)), strict=True):
-                self._start(i, reply, infos)
+                self._begin(i, reply, infos)
             return self._observation(), infos
 
     def step(
@@ -140,11 +128,11 @@ class RemoteVectorEnv(TrialVectorEnv):
             rows = given.tolist()
             results = self._practice.exchange(
                 [
-                    [_STEP, self._episodes[i], self._seqs[i] + 1, *rows[i]] if driven[i] else self._draw(i)
-                    for i in range(self.num_envs)
+                    [_STEP, episode.id, episode.seq + 1, *rows[i]] if driven[i] else self._draw(i)
+                    for i, episode in enumerate(self._episodes)
                 ]
             )
-            replies = [_lost(result) or granted(result) for result in results]
+            replies = list(map(step_reply, results))
             # Nothing changes before all replies are here, so that a step that failed half-way can be repeated.
             ended = [i for i in np.flatnonzero(driven).tolist() if replies[i]["terminated"] or replies[i]["truncated"]]
             begun = {}
@@ -159,7 +147,7 @@ class RemoteVectorEnv(TrialVectorEnv):
         self._practice.close()
 
     def _picture(self, i: int) -> NDArray[np.uint8]:
-        return self._practice.view(self._shown[i])
+        return self._practice.client.view(self._episodes[i].id or "")
 
     def _draw(self, i: int, trial: str | None = None) -> list[Any]:
         """Return the call that begins an environment's next episode."""
@@ -168,10 +156,10 @@ class RemoteVectorEnv(TrialVectorEnv):
         return self._calls[i]
 
     def _abort(self, chosen: Iterable[int]) -> None:
-        self._practice.abort([episode for i in chosen if (episode := self._episodes[i]) is not None])
+        episodes = [self._episodes[i] for i in chosen]
+        self._practice.abort([episode.id for episode in episodes if episode.open])
         for i in chosen:
-            self._episodes[i] = None
-            self._begun[i] = False
+            self._episodes[i].open = self._begun[i] = False
 
     def _begin_all(self, chosen: list[int]) -> list[dict[str, Any]]:
         """Begin an episode in each of these environments, or raise an error and leave none open."""
@@ -204,54 +192,40 @@ class RemoteVectorEnv(TrialVectorEnv):
 
     def _check_slots(self) -> None:
         if self.num_envs > 1 and self._slots is None:
-            self._slots = self._practice.slots()
+            with contextlib.suppress(ApiError):
+                self._slots = self._practice.client.simulators()
         if self._slots is not None and self._slots < self.num_envs:
             slots, self._slots = self._slots, None  # the service may be restarted with more
             raise ServiceFullError(
-                f"num_envs: is {self.num_envs}, and the service at {self._practice.url} has {slots} simulators; make "
-                f"{slots} environments at most, or start it with WRONGTURN_SIMULATORS={self.num_envs} or more"
+                f"num_envs: is {self.num_envs}, and the service at {self._practice.client.url} has {slots} simulators; "
+                f"make {slots} environments at most, or start it with WRONGTURN_SIMULATORS={self.num_envs} or more"
             )
 
-    def _start(self, i: int, reply: dict[str, Any], infos: dict[str, Any]) -> None:
+    def _begin(self, i: int, reply: dict[str, Any], infos: dict[str, Any]) -> None:
         self._calls.pop(i, None)
-        self._episodes[i] = self._shown[i] = reply["id"]
-        self._seqs[i], self._seen[i] = 0, reply["observation"]
         self._begun[i], self._over[i] = True, False
-        self._note(infos, i, trial=reply["trial"], town=reply["town"])
+        self._note(infos, i, **self._episodes[i].begin(reply))
 
     def _advance(
         self, replies: list[dict[str, Any]], driven: Flags, begun: dict[int, dict[str, Any]]
     ) -> tuple[Observation, NDArray[np.float64], Flags, Flags, dict[str, Any]]:
+        """Take the replies of all environments, and of those that began at once after an end."""
         rewards = np.zeros(self.num_envs)
         terminated, truncated = np.zeros((2, self.num_envs), np.bool_)
         infos: dict[str, Any] = {}
-        for i, reply in enumerate(replies):
+        for i, (episode, reply) in enumerate(zip(self._episodes, replies, strict=True)):
             if not driven[i]:
-                self._start(i, reply, infos)
+                self._begin(i, reply, infos)
                 continue
-            self._seqs[i] += 1
-            self._seen[i] = reply.get("observation", self._seen[i])
-            rewards[i] = reply.get("reward") or 0.0
-            terminated[i], truncated[i] = reply["terminated"], reply["truncated"]
-            if terminated[i] or truncated[i]:
-                self._end(i, reply, begun.get(i), infos)
+            rewards[i], terminated[i], truncated[i], info = episode.advance(reply)
+            self._over[i] = not episode.open
+            if self._over[i]:
+                self._note_end(infos, i, episode.seen, **info)
+            if i in begun:
+                self._begin(i, begun[i], infos)
         return self._observation(), rewards, terminated, truncated, infos
-
-    def _end(self, i: int, reply: dict[str, Any], following: dict[str, Any] | None, infos: dict[str, Any]) -> None:
-        self._over[i], self._episodes[i] = True, None
-        info = {name: str(reply[name]) for name in ("verdict", "lost") if reply.get(name) is not None}
-        self._note_end(infos, i, self._seen[i], **info)
-        if following is not None:
-            self._start(i, following, infos)
 
     def _observation(self) -> Observation:
         space = self.single_observation_space
-        batch = create_empty_array(space, self.num_envs)
-        return cast(Observation, concatenate(space, self._seen, cast(Observation, batch)))
-
-
-def _lost(result: Result) -> dict[str, Any] | None:
-    """Return the reply to a step if the service gave up its episode; None otherwise."""
-    if isinstance(result, EpisodeLostError | EpisodeFinishedError):
-        return {"lost": str(result), "terminated": False, "truncated": True}
-    return None
+        batch = cast(Observation, create_empty_array(space, self.num_envs))
+        return cast(Observation, concatenate(space, [episode.seen for episode in self._episodes], batch))

@@ -12,8 +12,8 @@ import ssl
 from typing import Final, NoReturn
 from urllib.parse import SplitResult
 
+from pydantic import ValidationError
 from websockets.client import ClientProtocol
-from websockets.datastructures import Headers
 from websockets.exceptions import InvalidHandshake, InvalidMessage, InvalidState, InvalidStatus
 from websockets.frames import Frame, Opcode
 from websockets.http11 import Response
@@ -21,11 +21,9 @@ from websockets.protocol import State
 from websockets.typing import Subprotocol
 from websockets.uri import parse_uri
 
-from wrongturn_client.connections import Answer, ConnectionBrokeError
 from wrongturn_client.errors import NotOfferedError
-from wrongturn_client.problems import own_problem
-from wrongturn_client.transport import check
-from wrongturn_protocol import framing
+from wrongturn_client.transport import Answer, ConnectionBrokeError
+from wrongturn_protocol import Problem, ProblemType, framing
 from wrongturn_protocol.wire import PATH, SUBPROTOCOL
 
 _PIECE: Final = 1 << 18
@@ -67,14 +65,11 @@ class WebSocketConnection:
             raise
 
     def send(self, data: bytes) -> None:
-        """Send a message; raise ConnectionBrokeError if that fails."""
-        try:
-            if self._protocol.state is not State.OPEN:
-                raise ConnectionBrokeError(self._why_closed())
-            mask = self._mask()
-            self._socket.sendall(framing.head(len(data), masked=True) + mask + framing.apply_mask(data, mask))
-        except OSError as error:
-            raise ConnectionBrokeError(str(error) or type(error).__name__) from error
+        """Send a message; raise OSError if that fails."""
+        if self._protocol.state is not State.OPEN:
+            raise ConnectionBrokeError(self._why_closed())
+        mask = self._mask()
+        self._socket.sendall(framing.head(len(data), masked=True) + mask + framing.apply_mask(data, mask))
 
     def _mask(self) -> bytes:
         """Return four unpredictable bytes; they are drawn for many messages at a time."""
@@ -85,7 +80,7 @@ class WebSocketConnection:
         return self._masks[begin:end]
 
     def receive(self) -> bytes | memoryview:
-        """Return the next message, which is valid until the next call; raise ConnectionBrokeError if that fails."""
+        """Return the next message, which is valid until the next call; raise OSError if that fails."""
         while True:
             while self._events:
                 frame = self._events.pop(0)
@@ -114,12 +109,9 @@ class WebSocketConnection:
         if token:
             request.headers["Authorization"] = f"Bearer {token}"
         self._protocol.send_request(request)
-        try:
-            self._flush()
-            while self._protocol.state is State.CONNECTING and self._protocol.handshake_exc is None:
-                self._read_head()
-        except OSError as error:
-            raise ConnectionBrokeError(str(error) or type(error).__name__) from error
+        self._flush()
+        while self._protocol.state is State.CONNECTING and self._protocol.handshake_exc is None:
+            self._read_head()
         failure = self._protocol.handshake_exc
         if isinstance(failure, InvalidStatus):
             _refused(failure.response, offered=offered)
@@ -156,10 +148,7 @@ class WebSocketConnection:
             self._memory = memoryview(bytearray(max(wanted, _PIECE)))
             self._memory[:left] = before
             self._begin, self._end = 0, left
-        try:
-            count = self._socket.recv_into(self._memory[self._end :])
-        except OSError as error:
-            raise ConnectionBrokeError(str(error) or type(error).__name__) from error
+        count = self._socket.recv_into(self._memory[self._end :])
         self._end += count
         if not count:
             self._give(b"")
@@ -178,15 +167,12 @@ class WebSocketConnection:
 
     def _give(self, data: bytes) -> None:
         """Pass bytes to the library (none at the end of the stream), and send its answers to pings."""
-        try:
-            if data:
-                self._protocol.receive_data(data)
-            else:
-                self._protocol.receive_eof()
-            self._events += [event for event in self._protocol.events_received() if isinstance(event, Frame)]
-            self._flush()
-        except OSError as error:
-            raise ConnectionBrokeError(str(error) or type(error).__name__) from error
+        if data:
+            self._protocol.receive_data(data)
+        else:
+            self._protocol.receive_eof()
+        self._events += [event for event in self._protocol.events_received() if isinstance(event, Frame)]
+        self._flush()
 
     def _flush(self) -> None:
         for data in self._protocol.data_to_send():
@@ -203,18 +189,15 @@ class WebSocketConnection:
 
 def _connected(url: SplitResult, timeout: float, *, secure: bool) -> socket.socket:
     host = url.hostname or ""
-    try:
-        plain = socket.create_connection((host, url.port or (443 if secure else 80)), timeout)
-    except OSError as error:
-        raise ConnectionBrokeError(str(error) or type(error).__name__) from error
+    plain = socket.create_connection((host, url.port or (443 if secure else 80)), timeout)
     plain.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     if not secure:
         return plain
     try:
         return ssl.create_default_context().wrap_socket(plain, server_hostname=host)
-    except OSError as error:
+    except OSError:
         plain.close()
-        raise ConnectionBrokeError(str(error) or type(error).__name__) from error
+        raise
 
 
 def _ended(failure: InvalidHandshake) -> bool:
@@ -224,13 +207,20 @@ def _ended(failure: InvalidHandshake) -> bool:
 
 def _refused(response: Response, *, offered: bool) -> NoReturn:
     """Raise the error for a refused handshake."""
-    headers: Headers = response.headers
     status = response.status_code
     body = bytes(response.body or b"")
     reason = f"no WebSocket of {SUBPROTOCOL} at {PATH}: status {status}"
-    if offered and status not in _BUSY and not (400 <= status < 500 and own_problem(body)):
+    if offered and status not in _BUSY and not (400 <= status < 500 and _is_own_problem(body)):
         raise ConnectionBrokeError(reason)
     if status not in _ANSWERS:
         raise NotOfferedError(reason)
-    check(Answer(status, headers.get("content-type", ""), headers.get("location"), headers.get("retry-after"), body))
-    raise AssertionError("check raises an error for these statuses")
+    Answer(status, body, response.headers).checked()
+    raise AssertionError("checked raises an error for these statuses")
+
+
+def _is_own_problem(body: bytes) -> bool:
+    """Tell whether a body is a problem of a Wrongturn service, rather than of a proxy before it."""
+    try:
+        return Problem.model_validate_json(body).type.rsplit("/", 1)[-1] in set(ProblemType)
+    except ValidationError:
+        return False

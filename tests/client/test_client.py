@@ -7,7 +7,6 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-import stamina
 from client_fake_service import FakeService, problem
 
 import wrongturn_client
@@ -28,7 +27,7 @@ from wrongturn_client import (
     ServiceUnreachableError,
     WrongturnError,
 )
-from wrongturn_client.problems import api_error
+from wrongturn_client.errors import api_error
 from wrongturn_protocol import PracticeRequest, Problem, ProblemType, Track
 
 
@@ -205,16 +204,6 @@ def test_it_is_told_once_that_a_service_is_waited_for(
             assert waits == "http://fake does not answer (refused); trying again for up to 30 s"
             assert again == "http://fake answers again"
     assert capsys.readouterr() == ("", "")
-
-
-def test_retries_of_other_programs_are_reported(capsys: pytest.CaptureFixture[str]) -> None:
-    with Client("http://fake", transport=FakeService().transport) as client:
-        client.suites()
-    for attempt in stamina.retry_context(on=ValueError, wait_initial=0, wait_max=0, wait_jitter=0):
-        with attempt:
-            if attempt.num == 1:
-                raise ValueError("anothers")
-    assert "anothers" in capsys.readouterr().out
 
 
 def test_retry_after_is_honoured(monkeypatch: pytest.MonkeyPatch) -> None:

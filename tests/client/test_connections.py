@@ -10,9 +10,8 @@ from typing import Any
 
 import pytest
 
-from wrongturn_client import Client, ServiceUnreachableError, connections
-from wrongturn_client.connections import HttpxConnections, PlainConnections, connect
-from wrongturn_client.transport import Transport, _split
+from wrongturn_client import Client, ServiceUnreachableError, transport
+from wrongturn_client.transport import HttpxConnections, PlainConnections, Transport, _split, connect
 
 
 class Handler(BaseHTTPRequestHandler):
@@ -77,7 +76,7 @@ def _raw(answers: list[bytes]) -> Iterator[str]:
 
 
 def test_calls_share_a_connection_and_say_who_calls(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connections, "_IDLE", math.inf)
+    monkeypatch.setattr(transport, "_IDLE", math.inf)
     with Client(server.url, "secret") as client:
         for _ in range(5):
             client.suites()
@@ -87,7 +86,7 @@ def test_calls_share_a_connection_and_say_who_calls(server: Server, monkeypatch:
 
 
 def test_a_connection_that_was_idle_is_not_trusted(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connections, "_IDLE", 0.0)
+    monkeypatch.setattr(transport, "_IDLE", 0.0)
     with Client(server.url) as client:
         client.suites()
         client.suites()
@@ -95,7 +94,7 @@ def test_a_connection_that_was_idle_is_not_trusted(server: Server, monkeypatch: 
 
 
 def test_threads_may_share_a_client(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connections, "_IDLE", math.inf)
+    monkeypatch.setattr(transport, "_IDLE", math.inf)
     with Client(server.url) as client:
         threads = [threading.Thread(target=lambda: [client.suites() for _ in range(20)]) for _ in range(4)]
         for thread in threads:

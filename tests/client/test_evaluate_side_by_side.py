@@ -8,7 +8,7 @@ from client_fake_service import FakeService
 from gymnasium import spaces
 
 from wrongturn_client import Action, Client
-from wrongturn_client.recorder import EpisodeRecorder
+from wrongturn_client.evaluation_driver import EpisodeRecorder
 from wrongturn_protocol import EvaluationState
 from wrongturn_protocol.observations import Observation
 

@@ -40,7 +40,6 @@ class Report:
     database: str
     kills: Counter[str] = field(default_factory=Counter)
     findings: Findings = field(default_factory=Findings)
-    retries: int = 0
     gone_on_with: int = 0
     """Episodes that were open when their client was killed, and were driven to their end by the one that came after."""
     replays: int = 0
@@ -237,9 +236,7 @@ def _await(seats: Sequence[Seat], timeout_s: float = 240.0) -> None:
 
 def _tell(report: Report, told: list[dict[str, Any]], seats: Sequence[Seat], store: Store) -> None:
     for line in told:
-        if line["what"] == "retry":
-            report.retries += 1
-        elif line["what"] == "refused" and line["problem"] not in {"no-trial-available", "evaluation-finished"}:
+        if line["what"] == "refused" and line["problem"] not in {"no-trial-available", "evaluation-finished"}:
             report.refusals[line["problem"]] += 1
         elif line["what"] == "gave up":
             report.gave_up[line["error"].split(":")[0]] += 1

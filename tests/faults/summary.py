@@ -23,7 +23,6 @@ def show(reports: list[Report]) -> None:
     line("evaluations", *(report.findings.evaluations for report in reports))
     line("episodes with a verdict", *(report.findings.finished for report in reports))
     line("last replies acknowledged", *(report.findings.acknowledged for report in reports))
-    line("retries of clients", *(report.retries for report in reports))
     line("clients that gave up and came again", *(report.gave_up.total() for report in reports))
     line("replays in another simulator", *(report.replays for report in reports))
     line("gone on with by the next client", *(report.gone_on_with for report in reports))

@@ -13,7 +13,6 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from policies import policy
-from stamina import instrumentation
 
 from wrongturn_client import ApiError, Client
 from wrongturn_client.drive import DriveSocket
@@ -41,8 +40,8 @@ class Watched(DriveConnection):
 
     journal: Journal
 
-    def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result], patience: float | None = None) -> None:
-        super().retry_busy(calls, results, patience)
+    def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result]) -> None:
+        super().retry_busy(calls, results)
         # Every message comes through here once its results are final.
         for call, result in zip(calls, results, strict=True):
             if isinstance(result, ApiError):
@@ -70,7 +69,7 @@ class WatchedClient(Client):
     def connection(self, parallel: int) -> DriveConnection:
         connection: Watched
         if self._channel == HTTP:
-            connection = WatchedHttpDrive(self._http, parallel)
+            connection = WatchedHttpDrive(self, 120.0, parallel)
         else:
             connection = WatchedDrive(urlsplit(self.url), self._token, patience=120.0)
         connection.journal = self._journal
@@ -80,7 +79,6 @@ class WatchedClient(Client):
 def main() -> None:
     url, token, evaluation, suite, name, channel, parallel, path = sys.argv[1:]
     journal = Journal(path)
-    instrumentation.set_on_retry_hooks((lambda details: journal.note("retry", error=repr(details.caused_by)[:200]),))
     journal.note("began")
     try:
         with WatchedClient(journal, url, token, channel) as client:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wrongturn_agents.agent import Agent
 from wrongturn_agents.registry import AgentSource
-from wrongturn_client.actions import action_of
+from wrongturn_client.episode_calls import action_of
 from wrongturn_judge import THRESHOLDS
 from wrongturn_protocol import Outcome, Trial
 from wrongturn_protocol.observations import Observation
