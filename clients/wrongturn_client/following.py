@@ -1,10 +1,11 @@
 """Follow a submission to its end, with one progress line on a terminal and plain lines elsewhere."""
 
+import contextlib
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
-from typing import IO, Final
+from typing import Final
 
 from rich.console import Console
 from rich.filesize import decimal
@@ -22,64 +23,48 @@ _LINE_EVERY: Final = 10.0
 """Seconds between two plain lines about the same state."""
 
 
-class PlainLines:
-    """Shows how far a submission is: a line for each new state, and every ten seconds while one lasts."""
+class Display:
+    """Shows how far a submission is.
 
-    def __init__(self, name: str, stream: IO[str], clock: Callable[[], float] = time.monotonic) -> None:
-        self._name, self._stream, self._clock = name, stream, clock
+    With bars, on a terminal: one line with a bar, and the log above it. Else a line for each new state, and every ten
+    seconds while one lasts.
+    """
+
+    def __init__(
+        self, name: str, console: Console, bars: Progress | None = None, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._name, self._console, self._bars, self._clock = name, console, bars, clock
+        self._bar = None if bars is None else bars.add_task(name, total=None)
         self._state: object = None
         self._said = ""
         self._next = 0.0
 
     def uploaded(self, sent: int, total: int) -> None:
-        """Show how many bytes of the model are sent: once all are."""
-        if sent >= total:
-            self._say("upload", f"{decimal(total)} sent")
+        """Show how many bytes of the model are sent; without a bar, once all are."""
+        if self._bars is not None:
+            self._show("upload", f"{decimal(sent)} of {decimal(total)} sent", sent, total)
+        elif sent >= total:
+            self._show("upload", f"{decimal(total)} sent", sent, total)
 
     def at(self, detail: SubmissionDetail) -> None:
-        """Show where the submission is, if that is new or old enough."""
-        self._say(detail.state, whereabouts(detail))
+        """Show where the submission is; the bar is that of the episodes."""
+        self._show(detail.state, whereabouts(detail), detail.finished or 0, detail.episodes)
 
     def news(self, line: SubmissionLogLine) -> None:
         """Show a new line of the log with its time of day here."""
-        self._write(_dated(line))
+        self._print(f"{datetime.fromisoformat(line.time).astimezone():%H:%M:%S} {line.message}")
 
-    def _say(self, state: object, text: str) -> None:
-        if text == self._said or (state == self._state and self._clock() < self._next):
-            return
-        self._state, self._said, self._next = state, text, self._clock() + _LINE_EVERY
-        self._write(f"{self._name}: {text}")
+    def _show(self, state: object, text: str, done: int, total: int | None) -> None:
+        if self._bars is not None and self._bar is not None:
+            if self._bars.tasks[0].total != total:  # another bar, whose time begins now
+                self._bars.reset(self._bar, total=total)
+            self._bars.update(self._bar, description=f"{self._name}: {text}", completed=done)
+        elif text != self._said and (state != self._state or self._clock() >= self._next):
+            self._state, self._said, self._next = state, text, self._clock() + _LINE_EVERY
+            self._print(f"{self._name}: {text}")
 
-    def _write(self, text: str) -> None:
-        print(text, file=self._stream, flush=True)
-
-
-class OneLine:
-    """Shows the same on one line with a bar, and the log above it."""
-
-    def __init__(self, name: str, bars: Progress) -> None:
-        self._name, self._bars = name, bars
-        self._bar = bars.add_task(name, total=None)
-
-    def uploaded(self, sent: int, total: int) -> None:
-        """Show the bytes."""
-        self._show(f"{decimal(sent)} of {decimal(total)} sent", sent, total)
-
-    def at(self, detail: SubmissionDetail) -> None:
-        """Show the state; the bar is that of the episodes."""
-        self._show(whereabouts(detail), detail.finished or 0, detail.episodes)
-
-    def news(self, line: SubmissionLogLine) -> None:
-        """Print the line above the bar."""
-        self._bars.console.print(_dated(line), markup=False)
-
-    def _show(self, text: str, done: int, total: int | None) -> None:
-        if self._bars.tasks[0].total != total:  # another bar, whose time begins now
-            self._bars.reset(self._bar, total=total)
-        self._bars.update(self._bar, description=f"{self._name}: {text}", completed=done)
-
-
-Display = PlainLines | OneLine
+    def _print(self, text: str) -> None:
+        self._console.print(text, markup=False, soft_wrap=True)
 
 
 def follow(client: Client, submission: str, display: Display) -> SubmissionDetail:
@@ -115,7 +100,7 @@ def whereabouts(detail: SubmissionDetail) -> str:
 
 
 def bars_on(console: Console) -> Progress:
-    """Return what shows a :class:`OneLine` on a terminal."""
+    """Return the bar of a :class:`Display` on a terminal."""
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn(compact=True))
     return Progress(*columns, console=console)
 
@@ -124,12 +109,5 @@ def bars_on(console: Console) -> Progress:
 def display_of(name: str) -> Iterator[Display]:
     """Show the progress of an agent of this name on stderr while the ``with`` block runs."""
     console = Console(stderr=True, highlight=False)
-    if not console.is_terminal:
-        yield PlainLines(name, console.file)
-        return
-    with bars_on(console) as bars:
-        yield OneLine(name, bars)
-
-
-def _dated(line: SubmissionLogLine) -> str:
-    return f"{datetime.fromisoformat(line.time).astimezone():%H:%M:%S} {line.message}"
+    with contextlib.nullcontext() if not console.is_terminal else bars_on(console) as bars:
+        yield Display(name, console, bars)

@@ -68,32 +68,30 @@ class OwnerTokens:
     def keep(self, url: str, owner: KeptOwner) -> None:
         """Keep an owner as the one used last at a service; it replaces one of the same name."""
         kept = self._read()
-        others = [other for other in kept.root.get(_origin(url), []) if other.name != owner.name]
+        others = [other for other in self.owners(url) if other.name != owner.name]
         kept.root[_origin(url)] = [*others, owner]
-        new = self.path.with_suffix(".new")
-        try:
-            new.unlink(missing_ok=True)
-            with os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+        with self._writing():
+            new = self._opened(".new", os.O_TRUNC)
+            with os.fdopen(new, "w") as file:
                 file.write(kept.model_dump_json(indent=2) + "\n")
                 file.flush()
-                os.fsync(file.fileno())
-            new.replace(self.path)
-        except OSError as error:
-            raise self._unwritable(error) from error
+                os.fsync(new)
+            self.path.with_suffix(".new").replace(self.path)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Keep other programs of this user from registering an owner meanwhile."""
-        try:
+        with self._writing():
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(self.path.with_suffix(".lock"), os.O_WRONLY | os.O_CREAT, 0o600)
-        except OSError as error:
-            raise self._unwritable(error) from error
+            descriptor = self._opened(".lock")
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX)
             yield
         finally:
             os.close(descriptor)
+
+    def _opened(self, suffix: str, flags: int = 0) -> int:
+        return os.open(self.path.with_suffix(suffix), os.O_WRONLY | os.O_CREAT | flags, 0o600)
 
     def _read(self) -> _Kept:
         try:
@@ -106,11 +104,15 @@ class OwnerTokens:
                 f"{self.path} cannot be read ({why}); move it away, or set WRONGTURN_OWNER_TOKEN to your token"
             ) from error
 
-    def _unwritable(self, error: OSError) -> WrongturnError:
-        return WrongturnError(
-            f"{self.path} cannot be written ({error.strerror}), so a new owner's token would be lost; set "
-            "WRONGTURN_HOME to a folder that you can write, or WRONGTURN_OWNER_TOKEN to your token"
-        )
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise WrongturnError(
+                f"{self.path} cannot be written ({error.strerror}), so a new owner's token would be lost; set "
+                "WRONGTURN_HOME to a folder that you can write, or WRONGTURN_OWNER_TOKEN to your token"
+            ) from error
 
 
 def is_name(name: str) -> bool:
@@ -160,15 +162,13 @@ def submitter(url: str, owner_name: str | None, say: Callable[[str], None]) -> S
     tokens = OwnerTokens()
     with tokens.locked(), Client(url, "") as client:
         kept = tokens.find(url, owner_name)
-        is_new = kept is None or not _is_known(client, kept)
-        if kept is None or is_new:
+        if kept is None or not _is_known(client, kept):
             kept = _register(client, owner_name if kept is None else kept.name, given=owner_name is not None)
+            say(
+                f"Registered you as the owner {kept.name!r} at {url}. The agents that you hand in there are this "
+                f"owner's. Its token is in {tokens.path}; keep that file."
+            )
         tokens.keep(url, kept)
-    if is_new:
-        say(
-            f"Registered you as the owner {kept.name!r} at {url}. The agents that you hand in there are this "
-            f"owner's. Its token is in {tokens.path}; keep that file."
-        )
     return Submitter(kept.token, str(tokens.path))
 
 

@@ -4,19 +4,17 @@ import getpass
 import io
 import json
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-import stamina
 from client_fake_submissions import TIME, WAY, FakeSubmissions
 from onnx import TensorProto, helper
 from rich.console import Console
 from typer.testing import CliRunner, Result
 
-from wrongturn_client import Client, WrongturnError, cli, following, submitter, submitting
+from wrongturn_client import Client, WrongturnError, cli, following, submitter, submitting, transport
 from wrongturn_client.submitter import KeptOwner, OwnerTokens
 from wrongturn_protocol import SubmissionDetail
 from wrongturn_protocol.submissions import SubmissionLogLine
@@ -32,7 +30,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def served(monkeypatch: pytest.MonkeyPatch, home: Path) -> Iterator[FakeSubmissions]:
+def served(monkeypatch: pytest.MonkeyPatch, home: Path) -> FakeSubmissions:
     service = FakeSubmissions()
 
     def client(url: str | None = None, token: str | None = None, **options: Any) -> Client:
@@ -41,8 +39,8 @@ def served(monkeypatch: pytest.MonkeyPatch, home: Path) -> Iterator[FakeSubmissi
     monkeypatch.setattr(submitting, "Client", client)
     monkeypatch.setattr(submitter, "Client", client)
     monkeypatch.setattr(following, "_SHORTEST_PAUSE", 0.0)
-    with stamina.set_testing(True, attempts=3):
-        yield service
+    monkeypatch.setattr(transport, "_SHORTEST_PAUSE", 0.0)
+    return service
 
 
 @pytest.fixture
@@ -384,7 +382,7 @@ def test_a_terminal_has_one_line_with_a_bar_and_the_log_above_it() -> None:
     console = Console(file=output, force_terminal=True, width=100, color_system=None)
     head = {"id": "s1", "suite": "smoke@2", "name": "mine", "owner": "us", "sha256": "0", "size": 1}
     with following.bars_on(console) as bars:
-        line = following.OneLine("mine", bars)
+        line = following.Display("mine", console, bars)
         line.uploaded(2_000_000, 5_000_000)
         bars.refresh()
         line.news(SubmissionLogLine(time=TIME, message="It waits [for] its check."))
@@ -401,7 +399,7 @@ def test_a_terminal_has_one_line_with_a_bar_and_the_log_above_it() -> None:
 
 def test_plain_lines_about_one_state_keep_their_distance() -> None:
     output, now = io.StringIO(), [0.0]
-    plain = following.PlainLines("mine", output, lambda: now[0])
+    plain = following.Display("mine", Console(file=output), clock=lambda: now[0])
     running = {**WAY[3], "id": "s1", "suite": "smoke@2", "name": "mine", "owner": "us", "sha256": "0", "size": 1}
     for second in range(25):
         now[0] = float(second)
