@@ -3,12 +3,12 @@
 import contextlib
 import os
 import secrets
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from wrongturn_client.admin_tables import cell, minute, print_table, words_of
 from wrongturn_client.errors import WrongturnError
 from wrongturn_client.options import Url
 from wrongturn_protocol.json_output import JsonTo, check_json_file, give_json
@@ -16,6 +16,7 @@ from wrongturn_protocol.vocabulary import AuditAction, Collection
 
 if TYPE_CHECKING:
     from wrongturn_client.administration import Administration
+    from wrongturn_protocol.administration import Contents
 
 admin = typer.Typer(
     help="Administer a service: list, hide, revoke and delete owners, agents, evaluations and submissions.",
@@ -30,6 +31,9 @@ _KINDS: Final = {
     "su_": Collection.SUBMISSIONS,
 }
 _NAMED: Final = {"owner": Collection.OWNERS, "agent": Collection.AGENTS}
+_BROKEN: Final = frozenset({"contact", "reason", "rows", "why"})
+"""Columns of tables with long texts, which are broken."""
+_BROADEST: Final = 1000
 _TARGET: Final = "An id, or owner:NAME or agent:NAME. Example: agent:test-7"
 _Limit = Annotated[int, typer.Option(min=1, help="How many lines to show at most. Example: --limit 1000")]
 _Target = Annotated[str, typer.Argument(metavar="TARGET", help=_TARGET)]
@@ -129,7 +133,7 @@ def show(target: _Target, url: Url = None, json_to: JsonTo = None) -> None:
         return
     for field, value in found.model_dump(mode="json", exclude={"contents"}).items():
         typer.echo(f"{field}: {value}")
-    typer.echo(f"holds: {words_of(found.contents)}")
+    typer.echo(f"holds: {_words_of(found.contents)}")
 
 
 @admin.command()
@@ -138,10 +142,9 @@ def hide(targets: _Targets, reason: _Reason = None, url: Url = None) -> None:
 
     Example: wrongturn admin hide agent:test-7 --reason 'driven by hand'
     """
-    with _service(url) as service:
-        for collection, item in [_found(service, target) for target in targets]:
-            changed = service.hide(collection, item, reason).changed
-            typer.echo(f"{item}: {'hidden' if changed else 'was hidden before'}")
+    for service, collection, item in _each(targets, url):
+        changed = service.hide(collection, item, reason).changed
+        typer.echo(f"{item}: {'hidden' if changed else 'was hidden before'}")
 
 
 @admin.command()
@@ -150,10 +153,9 @@ def unhide(targets: _Targets, reason: _Reason = None, url: Url = None) -> None:
 
     Example: wrongturn admin unhide agent:test-7
     """
-    with _service(url) as service:
-        for collection, item in [_found(service, target) for target in targets]:
-            changed = service.unhide(collection, item, reason).changed
-            typer.echo(f"{item}: {'shown again' if changed else 'was not hidden'}")
+    for service, collection, item in _each(targets, url):
+        changed = service.unhide(collection, item, reason).changed
+        typer.echo(f"{item}: {'shown again' if changed else 'was not hidden'}")
 
 
 @admin.command()
@@ -162,9 +164,8 @@ def revoke(targets: _Targets, reason: _Reason = None, url: Url = None) -> None:
 
     Example: wrongturn admin revoke owner:lab --reason 'token was published'
     """
-    with _service(url) as service:
-        for collection, item in [_found(service, target) for target in targets]:
-            typer.echo(f"{item}: tokens ended: {service.revoke(collection, item, reason).changed}")
+    for service, collection, item in _each(targets, url):
+        typer.echo(f"{item}: tokens ended: {service.revoke(collection, item, reason).changed}")
 
 
 @admin.command()
@@ -200,7 +201,7 @@ def delete(
             if dry_run:
                 raise
         else:
-            typer.echo(f"{collection.one} {item} ({found.name}): {words_of(found.contents)}", err=True)
+            typer.echo(f"{collection.one} {item} ({found.name}): {_words_of(found.contents)}", err=True)
             if dry_run:
                 give_json(found.contents.model_dump(mode="json"), json_to)
                 return
@@ -209,7 +210,7 @@ def delete(
         deletion = service.delete(collection, item, free=free, reason=reason)
     if not give_json(deletion.model_dump(mode="json"), json_to):
         return
-    typer.echo(f"Deleted: {words_of(deletion.deleted)}.")
+    typer.echo(f"Deleted: {_words_of(deletion.deleted)}.")
     for held in deletion.held:
         typer.echo(f"Stays taken: {held}. To free it: wrongturn admin delete {item} --free")
 
@@ -237,7 +238,7 @@ def usage(
         return
     rows = [(owner.name, owner.id, owner.contents) for owner in found.owners] + [("all", "", found.total)]
     heads = ("owner", "id", "bytes", "agents", "evaluations", "episodes", "submissions")
-    print_table(heads, [(name, item, *(str(getattr(held, head)) for head in heads[2:])) for name, item, held in rows])
+    _print_table(heads, [(name, item, *(str(getattr(held, head)) for head in heads[2:])) for name, item, held in rows])
 
 
 @admin.command()
@@ -265,18 +266,18 @@ def audit(
     heads = ("time", "by", "from", "did", "what", "name", "rows", "why")
     rows = [
         (
-            minute(entry.time),
+            _minute(entry.time),
             entry.actor,
             entry.address,
             entry.action.value if entry.done else f"{entry.action.value} (cut short)",
             entry.target,
             entry.name,
-            words_of(entry.contents),
+            _words_of(entry.contents),
             entry.reason or "",
         )
         for entry in entries
     ]
-    print_table(heads, rows)
+    _print_table(heads, rows)
 
 
 @admin.command()
@@ -324,6 +325,13 @@ def _service(url: str | None) -> "Administration":
     return Administration(url)
 
 
+def _each(targets: Sequence[str], url: str | None) -> Iterator[tuple["Administration", Collection, str]]:
+    """Yield what each target is, and its id, once all are known to exist."""
+    with _service(url) as service:
+        for collection, item in [_found(service, target) for target in targets]:
+            yield service, collection, item
+
+
 def _found(service: "Administration", target: str) -> tuple[Collection, str]:
     """Return what a target is, and its id. Raises WrongturnError."""
     kind, separator, name = target.partition(":")
@@ -350,6 +358,43 @@ def _list(collection: Collection, url: str | None, limit: int, json_to: Path | N
             for field in type(items[0]).model_fields
             if field in always or any(getattr(item, field) is not None for item in items)
         ]
-        print_table(fields, [[cell(field, getattr(item, field)) for field in fields] for item in items])
+        _print_table(fields, [[_cell(field, getattr(item, field)) for field in fields] for item in items])
     else:
         typer.echo(f"There are no such {collection.value}.")
+
+
+def _cell(field: str, value: object) -> str:
+    """Return a field's value as a table shows it."""
+    if field == "created":
+        return _minute(str(value))
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "" if value is None else str(value)
+
+
+def _minute(time: str) -> str:
+    """Return an ISO 8601 time in UTC as tables show it, such as ``2026-11-22 16:13``."""
+    return time[:16].replace("T", " ")
+
+
+def _words_of(contents: "Contents") -> str:
+    """Return what there is in words, such as ``1 agent, 12 episodes, 3.4 MB``."""
+    ones = {"replies": "reply", "trajectories": "trajectory", "results": "record of results"}
+    counts = contents.model_dump(exclude={"bytes"})
+    parts = [f"{n} {kind if n != 1 else ones.get(kind, kind[:-1])}" for kind, n in counts.items() if n]
+    if contents.bytes:
+        parts.append(f"{contents.bytes / 1e6:.1f} MB" if contents.bytes >= 1e5 else f"{contents.bytes} bytes")
+    return ", ".join(parts) or "nothing"
+
+
+def _print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    from rich.measure import Measurement  # noqa: PLC0415
+
+    from wrongturn_client.tables import console, list_table  # noqa: PLC0415
+
+    table = list_table(heads, rows, whole=set(heads) - _BROKEN)
+    screen = console()
+    # What can be copied, such as an id, is never broken: on a narrow terminal the lines are longer than it is.
+    broad = screen.options.update(max_width=_BROADEST)
+    screen.width = max(screen.width, Measurement.get(screen, broad, table).minimum)
+    screen.print(table)

@@ -15,7 +15,7 @@ from wrongturn_client.drive import DriveSocket
 from wrongturn_client.episode_calls import DriveConnection, validated
 from wrongturn_client.errors import NotOfferedError, ProtocolError
 from wrongturn_client.evaluating import Progress, evaluate
-from wrongturn_client.evaluation import Episode, EpisodePage, Evaluation, at
+from wrongturn_client.evaluation import Episode, EpisodePage, Evaluation, at, plotted
 from wrongturn_client.http_drive import HttpCalls, HttpDrive
 from wrongturn_client.policy import Policy, PolicyMaker
 from wrongturn_client.rest import AccountCalls, PublicCalls
@@ -203,9 +203,7 @@ class Client(HttpCalls, PublicCalls, AccountCalls):
         Raises:
             PluginError: Nothing is installed that draws: pip install 'wrongturn-service[plot]'.
         """
-        from wrongturn_client.plotting import plot  # noqa: PLC0415 - only figures need it
-
-        return plot(self.trajectory(episode), self.episode(episode).outcome)
+        return plotted(self.trajectory(episode), self.episode(episode).outcome)
 
     def view(self, episode: str) -> NDArray[np.uint8]:
         """Return a picture of a practice episode's moment, RGB uint8 (480, 864, 3): from above, and by its camera.

@@ -1,20 +1,18 @@
 """Base class of what a ``with`` block closes."""
 
-from abc import ABC, abstractmethod
-from types import TracebackType
-from typing import Self
+from abc import abstractmethod
+from contextlib import AbstractContextManager
+from typing import Any, Self
 
 
-class Closing(ABC):
+class Closing(AbstractContextManager[Any]):
     """Base of classes with a ``close``."""
 
     def __enter__(self) -> Self:
         """Return the object itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close it."""
         self.close()
 

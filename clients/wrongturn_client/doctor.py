@@ -14,6 +14,7 @@ from rich.text import Text
 from wrongturn_client import plugins, settings
 from wrongturn_client.client import Client
 from wrongturn_client.errors import WrongturnError
+from wrongturn_client.tables import list_table
 
 _LEAST_PYTHON: Final = (3, 11)
 _PARTS: Final = {
@@ -50,12 +51,12 @@ def diagnose(url: str | None) -> Iterator[Check]:
 
 def report(checks: list[Check]) -> Table:
     """Return the results as a table."""
-    table = Table("", "check", "finding", box=None, header_style="bold", pad_edge=False)
+    rows = []
     for check in checks:
         mark = Text("ok", style="green") if check.ok else Text("FAILED", style="bold red")
         finding = check.detail if check.ok or not check.remedy else f"{check.detail}\nTo do: {check.remedy}"
-        table.add_row(mark, Text(check.name), Text(finding))
-    return table
+        rows.append((mark, check.name, finding))
+    return list_table(("", "check", "finding"), rows)
 
 
 def _part(part: str, what: str) -> Check:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import PrivateAttr
 
-from wrongturn_client.errors import NotFinishedError, WrongturnError
-from wrongturn_protocol import EpisodeDetail, EpisodeList, EvaluationDetail, EvaluationState
+from wrongturn_client.errors import NotFinishedError, PluginError, WrongturnError
+from wrongturn_protocol import EpisodeDetail, EpisodeList, EvaluationDetail, EvaluationState, Outcome
 from wrongturn_protocol.suggestions import did_you_mean
 
 if TYPE_CHECKING:
@@ -51,9 +51,7 @@ class Episode(EpisodeDetail):
             PluginError: Nothing is installed that draws.
             WrongturnError: As :attr:`trajectory`.
         """
-        from wrongturn_client.plotting import plot  # noqa: PLC0415 - only figures need it
-
-        return plot(self.trajectory, self.outcome)
+        return plotted(self.trajectory, self.outcome)
 
 
 class Evaluation(EvaluationDetail):
@@ -85,7 +83,7 @@ class Evaluation(EvaluationDetail):
         """
         from wrongturn_client.client import Client  # noqa: PLC0415 - it imports this module
 
-        self._check_finished()
+        check_finished(self, "client.evaluate(agent, suite) goes on with it")
         with Client(self._url, "") as client:  # a finished evaluation is public
             return client.finished_episodes(self.id)
 
@@ -119,15 +117,6 @@ class Evaluation(EvaluationDetail):
             ) from error
         return pandas.DataFrame(episode_rows(self.episodes), columns=list(COLUMNS))
 
-    def _check_finished(self) -> None:
-        if self.state is EvaluationState.CANCELLED:
-            raise NotFinishedError(f"evaluation: {self.id} was cancelled, so it has no episodes to look at")
-        if self.state is not EvaluationState.FINISHED:
-            raise NotFinishedError(
-                f"evaluation: {self.id} is not finished ({self.finished} of {self.trials} episodes); finish it first: "
-                "client.evaluate(agent, suite) goes on with it"
-            )
-
     def _repr_mimebundle_(self, **chosen: Any) -> dict[str, str]:
         """Return the table of its results for IPython; a line of text before it is finished."""
         from wrongturn_client.tables import evaluation_table  # noqa: PLC0415 - only notebooks need it
@@ -141,6 +130,30 @@ class EpisodePage(EpisodeList):
     """A page of an evaluation's episodes."""
 
     episodes: tuple[Episode, ...]
+
+
+def check_finished(evaluation: EvaluationDetail, remedy: str) -> None:
+    """Raise NotFinishedError unless an evaluation is finished, so that its episodes can be had."""
+    if evaluation.state is EvaluationState.CANCELLED:
+        raise NotFinishedError(f"evaluation: {evaluation.id} was cancelled, so it has no episodes")
+    if evaluation.state is not EvaluationState.FINISHED:
+        done = f"{evaluation.finished} of {evaluation.trials} episodes"
+        raise NotFinishedError(f"evaluation: {evaluation.id} is not finished ({done}); finish it first: {remedy}")
+
+
+def plotted(trajectory: bytes, outcome: Outcome | None) -> "Figure":
+    """Return a matplotlib figure of an episode. Another part draws it, which an entry point names.
+
+    Raises:
+        PluginError: Nothing is installed that draws.
+    """
+    from wrongturn_client.plugins import entry_points, load  # noqa: PLC0415 - only figures need it
+
+    point = next(iter(entry_points("wrongturn.plots").values()), None)
+    if point is None:
+        raise PluginError("plot: nothing here draws; wrongturn-service does: pip install 'wrongturn-service[plot]'")
+    figure: Figure = load(point)(trajectory, outcome)
+    return figure
 
 
 def at(found: M, url: str) -> M:

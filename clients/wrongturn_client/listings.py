@@ -7,7 +7,7 @@ from rich.table import Table
 from wrongturn_client.client import Client
 from wrongturn_client.errors import WrongturnError
 from wrongturn_client.plugins import LISTINGS, LOADERS, entry_points, load
-from wrongturn_client.tables import head
+from wrongturn_client.tables import head, list_table
 from wrongturn_protocol import Command, JunctionType
 from wrongturn_protocol.words import COMMANDS, name
 
@@ -20,10 +20,7 @@ def listing(what: Listed, url: str | None) -> list[dict[str, Any]]:
     if url is not None:
         with Client(url, patience=0) as client:
             return [item.model_dump(mode="json", exclude_none=True) for item in getattr(client, what)()]
-    point = entry_points(LISTINGS).get(what)
-    if point is None:
-        raise _not_installed(what)
-    return [item.model_dump(mode="json", exclude_none=True) for item in load(point)()]
+    return [item.model_dump(mode="json", exclude_none=True) for item in _provided(LISTINGS, what, what)()]
 
 
 def approaches(town: str, url: str | None) -> dict[str, Any]:
@@ -32,10 +29,7 @@ def approaches(town: str, url: str | None) -> dict[str, Any]:
         with Client(url, patience=0) as client:
             found = client.town(town)
     else:
-        point = entry_points(LOADERS).get("town")
-        if point is None:
-            raise _not_installed("towns")
-        found = load(point)(town).detail({})
+        found = _provided(LOADERS, "town", "towns")(town).detail({})
     kinds = list(JunctionType)
     ordered = sorted(found.approaches, key=lambda one: kinds.index(one.type))
     # Which faults suit an approach is known to a service alone, and the same list is given without one.
@@ -48,51 +42,36 @@ def approaches(town: str, url: str | None) -> dict[str, Any]:
 
 def approaches_table(town: dict[str, Any]) -> Table:
     """Return a town's approaches, as :func:`approaches` gives them, as a table: a row for each."""
-    table = _table("type", "approach", "exits", "lane m")
-    table.columns[-1].justify = "right"
+    rows = []
     for one in town["approaches"]:
         exits = ", ".join(COMMANDS[Command(direction)] for direction in one["exits"])
-        table.add_row(name(one["type"]), one["id"], exits, f"{one['lane_length']:.0f}")
-    return table
+        rows.append((name(one["type"]), one["id"], exits, f"{one['lane_length']:.0f}"))
+    return list_table(("type", "approach", "exits", "lane m"), rows, right={"lane m"})
 
 
 def listing_table(what: Listed, items: list[dict[str, Any]]) -> Table:
     """Return the items as a table."""
-    return {"agents": _agents, "suites": _suites, "towns": _towns}[what](items)
-
-
-def _agents(items: list[dict[str, Any]]) -> Table:
-    table = _table("agent", "track", "kind", "what it does")
+    rows: list[tuple[str, ...]] = []
+    if what == "agents":
+        rows = [(item["name"], item["track"], item["kind"], item.get("description", "")) for item in items]
+        return list_table(("agent", "track", "kind", "what it does"), rows)
+    if what == "suites":
+        for item in items:
+            counts = (str(item["trials"]), str(item["twins"]))
+            rows.append((item["id"], item["title"], *counts, ", ".join(item["tracks"]), item["sha256"][:12]))
+        return list_table(("suite", "title", "trials", "twins", "tracks", "sha256"), rows)
+    kinds = list(map(head, JunctionType))
     for item in items:
-        table.add_row(item["name"], item["track"], item["kind"], item.get("description", ""))
-    return table
+        numbers = (str(item["approaches"].get(kind.value, 0)) for kind in JunctionType)
+        rows.append((item["name"], str(item["junctions"]), *numbers, item["sha256"][:12]))
+    return list_table(("town", "junctions", *kinds, "sha256"), rows, right=kinds)
 
 
-def _suites(items: list[dict[str, Any]]) -> Table:
-    table = _table("suite", "title", "trials", "twins", "tracks", "sha256")
-    for item in items:
-        counts = (str(item["trials"]), str(item["twins"]))
-        tail = (", ".join(item["tracks"]), item["sha256"][:12])
-        table.add_row(item["id"], item["title"], *counts, *tail)
-    return table
-
-
-def _towns(items: list[dict[str, Any]]) -> Table:
-    table = _table("town", "junctions")
-    for kind in JunctionType:
-        table.add_column(head(kind), justify="right")
-    table.add_column("sha256")
-    for item in items:
-        counts = (str(item["approaches"].get(kind.value, 0)) for kind in JunctionType)
-        table.add_row(item["name"], str(item["junctions"]), *counts, item["sha256"][:12])
-    return table
-
-
-def _not_installed(what: Listed) -> WrongturnError:
-    return WrongturnError(
-        f"no {what} are installed here; install {_PART[what]}, or name a service by --url or WRONGTURN_URL"
-    )
-
-
-def _table(*heads: str) -> Table:
-    return Table(*heads, box=None, header_style="bold", pad_edge=False)
+def _provided(group: str, name: str, what: Listed) -> Any:
+    """Return what another part provides for lists without a service."""
+    point = entry_points(group).get(name)
+    if point is None:
+        raise WrongturnError(
+            f"no {what} are installed here; install {_PART[what]}, or name a service by --url or WRONGTURN_URL"
+        )
+    return load(point)

@@ -10,36 +10,48 @@ from wrongturn_client.invocation import program
 from wrongturn_protocol import ContractError, Track, contract_of, signature_of
 
 _HEAD: Final = 64
-"""Bytes that tell the kinds below apart."""
+"""Bytes that tell other kinds of files apart."""
 _ZIP: Final = b"PK\x03\x04"
-_PICKLE: Final = tuple(bytes((0x80, protocol)) for protocol in range(2, 6))
-_LFS: Final = b"version https://git-lfs"
+_EXPORT: Final = "export the model to ONNX, for example by torch.onnx.export"
+_PICKLE: Final = f"is a pickle, which can run any code and is never loaded; {_EXPORT}"
+_OTHERS: Final = {
+    **{bytes((0x80, protocol)): _PICKLE for protocol in range(2, 6)},
+    b"version https://git-lfs": "is only a pointer of Git LFS; fetch the file by 'git lfs pull'",
+    _ZIP: f"is a zip file, as torch.save writes it, and holds pickles, which are never loaded; {_EXPORT}",
+}
+"""What a file is that begins so, and what to do."""
 
 
 def check_model_file(path: Path) -> None:
     """Raise ModelFileError, which says what to do, unless a file may be an ONNX file."""
+    if why := _why_no_model(path):
+        raise ModelFileError(f"FILE: {path} {why}")
+
+
+def _why_no_model(path: Path) -> str | None:
+    if path.is_dir():
+        return "is a folder; name the .onnx file in it"
     try:
-        if path.is_dir():
-            raise ModelFileError(f"FILE: {path} is a folder; name the .onnx file in it")
         with path.open("rb") as file:
             head = file.read(_HEAD)
     except OSError as error:
-        raise ModelFileError(f"FILE: {path} cannot be read: {error.strerror or error}") from error
+        return f"cannot be read: {error.strerror or error}"
     if not head:
-        raise ModelFileError(f"FILE: {path} is empty; export the model again")
-    if head.startswith(_ZIP):
-        raise ModelFileError(f"FILE: {path} {_of_zip(path)}")
-    if head.startswith(_PICKLE):
-        raise ModelFileError(
-            f"FILE: {path} is a pickle, which can run any code and is never loaded; export the model to ONNX, "
-            "for example by torch.onnx.export"
+        return "is empty; export the model again"
+    if head.startswith(_ZIP) and path.suffix.lower() == ".zip":
+        zipped, onnx = shlex.quote(str(path)), shlex.quote(str(path.with_suffix(".onnx")))
+        return (
+            "is a zip file. If Stable-Baselines3 saved it, export it first: "
+            f"{program()} export sb3 {zipped} --out {onnx}, then hand in {onnx}"
         )
-    if head.startswith(_LFS):
-        raise ModelFileError(f"FILE: {path} is only a pointer of Git LFS; fetch the file by 'git lfs pull'")
+    for begin, what in _OTHERS.items():
+        if head.startswith(begin):
+            return what
     if path.name.lower() == ".onnx":
-        raise ModelFileError(f"FILE: {path} has no name before .onnx; rename it, for example to my_agent.onnx")
+        return "has no name before .onnx; rename it, for example to my_agent.onnx"
     if path.suffix.lower() != ".onnx":
-        raise ModelFileError(f"FILE: {path} does not end in .onnx; hand in a model in ONNX's format")
+        return "does not end in .onnx; hand in a model in ONNX's format"
+    return None
 
 
 def check_contract(path: Path, tracks: Collection[Track]) -> None:
@@ -53,17 +65,3 @@ def check_contract(path: Path, tracks: Collection[Track]) -> None:
         raise ModelFileError(f"FILE: {path} cannot be read: {error.strerror or error}") from error
     except ContractError as error:
         raise ModelFileError(f"FILE: {path}: {error}") from error
-
-
-def _of_zip(path: Path) -> str:
-    """Return what a zip file is and what to do: Stable-Baselines3 and torch both save zips."""
-    if path.suffix.lower() == ".zip":
-        zipped, onnx = shlex.quote(str(path)), shlex.quote(str(path.with_suffix(".onnx")))
-        return (
-            "is a zip file. If Stable-Baselines3 saved it, export it first: "
-            f"{program()} export sb3 {zipped} --out {onnx}, then hand in {onnx}"
-        )
-    return (
-        "is a zip file, as torch.save writes it, and holds pickles, which are never loaded; export the model to ONNX, "
-        "for example by torch.onnx.export"
-    )

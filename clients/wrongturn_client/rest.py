@@ -8,33 +8,10 @@ from urllib.parse import urlencode
 
 from pydantic import BaseModel, ValidationError
 
+import wrongturn_protocol as protocol
 from wrongturn_client.episode_calls import validated
 from wrongturn_client.errors import ProtocolError
 from wrongturn_client.transport import CSV, Transport, path_of
-from wrongturn_protocol import (
-    AgentDetail,
-    AgentKind,
-    AgentList,
-    AgentRegistration,
-    Comparison,
-    Leaderboard,
-    LeaderboardList,
-    LeaderboardSummary,
-    OwnerDetail,
-    OwnerList,
-    OwnerRegistration,
-    RegisteredAgent,
-    RegisteredOwner,
-    SuiteDetail,
-    SuiteList,
-    SuiteSummary,
-    TownDetail,
-    TownList,
-    TownSummary,
-    Track,
-    TrialDetail,
-    TrialList,
-)
 from wrongturn_protocol.suggestions import did_you_mean
 
 M = TypeVar("M", bound=BaseModel)
@@ -104,33 +81,33 @@ class PublicCalls(RestCalls):
         found = self._transport.call("GET", "/health/ready").message()
         return found if isinstance(found, dict) else {}
 
-    def suites(self) -> tuple[SuiteSummary, ...]:
+    def suites(self) -> tuple[protocol.SuiteSummary, ...]:
         """Return all suites."""
-        return self._get(SuiteList, "suites").suites
+        return self._get(protocol.SuiteList, "suites").suites
 
-    def suite(self, suite: str) -> SuiteDetail:
+    def suite(self, suite: str) -> protocol.SuiteDetail:
         """Return a suite by its id, such as ``wrong-command@2``."""
-        return self._get(SuiteDetail, "suites", suite)
+        return self._get(protocol.SuiteDetail, "suites", suite)
 
-    def trials(self, suite: str) -> tuple[TrialDetail, ...]:
+    def trials(self, suite: str) -> tuple[protocol.TrialDetail, ...]:
         """Return the trials of a suite's open split, for practice. You can practise their twins too."""
-        return self._get(TrialList, "suites", suite, "trials").trials
+        return self._get(protocol.TrialList, "suites", suite, "trials").trials
 
-    def towns(self) -> tuple[TownSummary, ...]:
+    def towns(self) -> tuple[protocol.TownSummary, ...]:
         """Return all towns."""
-        return self._get(TownList, "towns").towns
+        return self._get(protocol.TownList, "towns").towns
 
-    def town(self, town: str) -> TownDetail:
+    def town(self, town: str) -> protocol.TownDetail:
         """Return a town with its approaches and geometry."""
-        return self._get(TownDetail, "towns", town)
+        return self._get(protocol.TownDetail, "towns", town)
 
-    def leaderboards(self) -> tuple[LeaderboardSummary, ...]:
+    def leaderboards(self) -> tuple[protocol.LeaderboardSummary, ...]:
         """Return the suites that have a leaderboard."""
-        return self._get(LeaderboardList, "leaderboards").leaderboards
+        return self._get(protocol.LeaderboardList, "leaderboards").leaderboards
 
-    def leaderboard(self, suite: str) -> Leaderboard:
+    def leaderboard(self, suite: str) -> protocol.Leaderboard:
         """Return the ranking on a suite."""
-        return self._get(Leaderboard, "leaderboards", suite)
+        return self._get(protocol.Leaderboard, "leaderboards", suite)
 
     def leaderboard_csv(self, suite: str) -> str:
         """Return the ranking on a suite as CSV, a row for each agent.
@@ -145,7 +122,7 @@ class PublicCalls(RestCalls):
             )
         return reply.content.decode("utf-8")
 
-    def compare(self, suite: str, a: str, b: str) -> Comparison:
+    def compare(self, suite: str, a: str, b: str) -> protocol.Comparison:
         """Compare two agents' results on a suite, with an exact test.
 
         Args:
@@ -153,13 +130,13 @@ class PublicCalls(RestCalls):
             a: Id or name of an agent with an entry on the suite.
             b: Id or name of another one.
         """
-        return self._get(Comparison, "leaderboards", suite, "compare", a=a, b=b)
+        return self._get(protocol.Comparison, "leaderboards", suite, "compare", a=a, b=b)
 
 
 class AccountCalls(RestCalls):
     """Registers owners and agents, and looks after their tokens."""
 
-    def register_owner(self, name: str, *, contact: str | None = None) -> RegisteredOwner:
+    def register_owner(self, name: str, *, contact: str | None = None) -> protocol.RegisteredOwner:
         """Register an owner, who answers for agents. Its token is shown only now.
 
         A client with that token registers agents for the owner, and rotates and revokes their tokens.
@@ -171,20 +148,20 @@ class AccountCalls(RestCalls):
         Raises:
             ValueError: The name or the contact is not valid; the message names it.
         """
-        registration = _checked(OwnerRegistration, name=name, contact=contact)
-        return self._create(RegisteredOwner, registration.model_dump(mode="json"), "owners")
+        registration = _checked(protocol.OwnerRegistration, name=name, contact=contact)
+        return self._create(protocol.RegisteredOwner, registration.model_dump(mode="json"), "owners")
 
-    def owners(self) -> tuple[OwnerDetail, ...]:
+    def owners(self) -> tuple[protocol.OwnerDetail, ...]:
         """Return all owners."""
-        return tuple(owner for page in self._pages(OwnerList, "owners") for owner in page.owners)
+        return tuple(owner for page in self._pages(protocol.OwnerList, "owners") for owner in page.owners)
 
-    def owner(self, owner: str) -> OwnerDetail:
+    def owner(self, owner: str) -> protocol.OwnerDetail:
         """Return an owner by its id."""
-        return self._get(OwnerDetail, "owners", owner)
+        return self._get(protocol.OwnerDetail, "owners", owner)
 
-    def rotate_owner_token(self, owner: str) -> RegisteredOwner:
+    def rotate_owner_token(self, owner: str) -> protocol.RegisteredOwner:
         """Replace an owner's token; the old one becomes invalid. This client keeps using the old one."""
-        return self._create(RegisteredOwner, None, "owners", owner, "token")
+        return self._create(protocol.RegisteredOwner, None, "owners", owner, "token")
 
     def revoke_owner_token(self, owner: str) -> None:
         """Make an owner's token invalid."""
@@ -193,13 +170,13 @@ class AccountCalls(RestCalls):
     def register(
         self,
         name: str,
-        track: Track | str,
+        track: protocol.Track | str,
         *,
         description: str | None = None,
         homepage: str | None = None,
-        kind: AgentKind = AgentKind.SUBMITTED,
+        kind: protocol.AgentKind = protocol.AgentKind.SUBMITTED,
         trained_on_faults: bool = False,
-    ) -> RegisteredAgent:
+    ) -> protocol.RegisteredAgent:
         """Register an agent. Its token is shown only now. Other kinds than ``submitted`` need the operator's token.
 
         With an owner's token the agent is that owner's. Without a token an owner of the agent's name is made. Say with
@@ -209,7 +186,7 @@ class AccountCalls(RestCalls):
             ValueError: The name, the track or another argument is not valid; the message names it.
         """
         registration = _checked(
-            AgentRegistration,
+            protocol.AgentRegistration,
             name=name,
             track=track,
             description=description,
@@ -217,24 +194,24 @@ class AccountCalls(RestCalls):
             kind=kind,
             trained_on_faults=trained_on_faults,
         )
-        return self._create(RegisteredAgent, registration.model_dump(mode="json"), "agents")
+        return self._create(protocol.RegisteredAgent, registration.model_dump(mode="json"), "agents")
 
-    def agents(self, *, everybody: bool = False) -> tuple[AgentDetail, ...]:
+    def agents(self, *, everybody: bool = False) -> tuple[protocol.AgentDetail, ...]:
         """Return the agents that have begun an evaluation.
 
         Args:
             everybody: Whether to return those that have only practised too.
         """
         query = {"all": "true"} if everybody else {}
-        return tuple(agent for page in self._pages(AgentList, "agents", **query) for agent in page.agents)
+        return tuple(agent for page in self._pages(protocol.AgentList, "agents", **query) for agent in page.agents)
 
-    def agent(self, agent: str) -> AgentDetail:
+    def agent(self, agent: str) -> protocol.AgentDetail:
         """Return an agent by its id."""
-        return self._get(AgentDetail, "agents", agent)
+        return self._get(protocol.AgentDetail, "agents", agent)
 
-    def rotate_token(self, agent: str) -> RegisteredAgent:
+    def rotate_token(self, agent: str) -> protocol.RegisteredAgent:
         """Replace an agent's token; the old one becomes invalid. This client keeps using the old one."""
-        return self._create(RegisteredAgent, None, "agents", agent, "token")
+        return self._create(protocol.RegisteredAgent, None, "agents", agent, "token")
 
     def revoke_token(self, agent: str) -> None:
         """Make an agent's token invalid."""
@@ -248,5 +225,9 @@ def _checked(registration: type[M], /, **fields: Any) -> M:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field = str(first["loc"][0])
-        rule = f"give {', '.join(Track)}{did_you_mean(first['input'], Track)}" if field == "track" else first["msg"]
+        rule = (
+            f"give {', '.join(protocol.Track)}{did_you_mean(first['input'], protocol.Track)}"
+            if field == "track"
+            else first["msg"]
+        )
         raise ValueError(f"{field}: is {reprlib.repr(first['input'])}; {rule}") from error

@@ -4,8 +4,8 @@ import json
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from wrongturn_client.errors import NotFinishedError
-from wrongturn_protocol import EpisodeDetail, EvaluationDetail, EvaluationState
+from wrongturn_client.evaluation import check_finished
+from wrongturn_protocol import EpisodeDetail
 
 if TYPE_CHECKING:
     from wrongturn_client.client import Client
@@ -18,7 +18,7 @@ def run_lines(client: "Client", evaluation: str) -> Iterator[bytes]:
         NotFinishedError: The evaluation is not finished, or was cancelled.
     """
     detail = client.evaluation(evaluation)
-    _check_finished(detail)
+    check_finished(detail, f"wrongturn run --resume {evaluation}")
     head = {
         **detail.model_dump(mode="json"),
         "suite_sha256": client.suite(detail.suite).sha256,
@@ -30,16 +30,6 @@ def run_lines(client: "Client", evaluation: str) -> Iterator[bytes]:
         yield between + _line(client, episode)
         between = b",\n"
     yield b"\n]}\n"
-
-
-def _check_finished(evaluation: EvaluationDetail) -> None:
-    if evaluation.state is EvaluationState.CANCELLED:
-        raise NotFinishedError(f"evaluation: {evaluation.id} was cancelled, so it has no episodes to keep")
-    if evaluation.state is not EvaluationState.FINISHED:
-        raise NotFinishedError(
-            f"evaluation: {evaluation.id} is not finished ({evaluation.finished} of {evaluation.trials} episodes); "
-            f"finish it first: wrongturn run --resume {evaluation.id}"
-        )
 
 
 def _line(client: "Client", episode: EpisodeDetail) -> bytes:

@@ -201,13 +201,12 @@ def _is_known(client: Client, owner: KeptOwner) -> bool:
 
 def _register(client: Client, name: str | None, *, given: bool) -> KeptOwner:
     """Register an owner under the given name, or under the login name with the first number that is free."""
-    login = name or _login_name()
-    for number in range(1, _NAMES_TRIED + 1):
-        wanted = login if number == 1 else f"{login}-{number}"
+    wanted = login = name or _login_name()
+    for number in range(2, _NAMES_TRIED + 2):
         try:
-            owner = client.register_owner(wanted)
+            return KeptOwner.model_validate(client.register_owner(wanted), from_attributes=True)
         except OwnerNameTakenError as error:
-            if given or number == _NAMES_TRIED:
+            if given or number > _NAMES_TRIED:
                 raise WrongturnError(
                     f"--owner-name: {wanted!r} is taken at {client.url}; choose another. If it is yours, set "
                     f"{OWNER_TOKEN} to its token"
@@ -219,8 +218,7 @@ def _register(client: Client, name: str | None, *, given: bool) -> KeptOwner:
                 f"{OWNER_TOKEN}: {client.url} takes submissions only from owners that its operator registered; ask "
                 "the operator for a token"
             ) from error
-        else:
-            return KeptOwner(id=owner.id, name=owner.name, token=owner.token)
+        wanted = f"{login}-{number}"
     raise AssertionError("the last name returns or raises")
 
 

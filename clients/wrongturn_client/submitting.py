@@ -9,7 +9,6 @@ from typing import NoReturn
 
 import typer
 from rich.table import Table
-from rich.text import Text
 
 from wrongturn_client import settings
 from wrongturn_client.client import Client
@@ -27,7 +26,7 @@ from wrongturn_client.invocation import program
 from wrongturn_client.model_file import check_contract, check_model_file
 from wrongturn_client.settings import OWNER_TOKEN
 from wrongturn_client.submitter import NAME_RULE, Submitter, is_name, known_submitter, not_taken, submitter
-from wrongturn_client.tables import console, evaluation_table, standing
+from wrongturn_client.tables import console, evaluation_table, list_table, standing
 from wrongturn_protocol import LeaderboardEntry, SubmissionDetail, SubmissionState, Track
 from wrongturn_protocol.json_output import give_json
 from wrongturn_protocol.submissions import NAME
@@ -196,12 +195,12 @@ def _about_name(error: InvalidRequestError) -> bool:
 
 
 def _listing(found: Sequence[SubmissionDetail]) -> Table:
-    table = Table("id", "handed in", "agent", "suite", "state", box=None, header_style="bold", pad_edge=False)
+    rows = []
     for detail in found:
         handed_in = f"{datetime.fromisoformat(detail.created).astimezone():%Y-%m-%d %H:%M}"
         state = f"{detail.state}: {detail.reason}" if detail.reason else whereabouts(detail)
-        table.add_row(*map(Text, (detail.id, handed_in, detail.name, detail.suite, state)))
-    return table
+        rows.append((detail.id, handed_in, detail.name, detail.suite, state))
+    return list_table(("id", "handed in", "agent", "suite", "state"), rows)
 
 
 def _say(text: str) -> None:

@@ -5,8 +5,8 @@
 
 import shlex
 import textwrap
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Collection, Iterable, Sequence
+from typing import Final, Literal
 
 from rich import box
 from rich.console import Console
@@ -28,6 +28,32 @@ def console(*, stderr: bool = False) -> Console:
     """Return a console that does not squeeze tables when the output goes to a file or a pipe."""
     plain = Console(stderr=stderr, highlight=False)
     return plain if plain.is_terminal else Console(stderr=stderr, highlight=False, width=WIDTH)
+
+
+def list_table(
+    heads: Sequence[str],
+    rows: Iterable[Sequence[str | Text]],
+    *,
+    right: Collection[str] = (),
+    whole: Collection[str] = (),
+) -> Table:
+    """Return a list: rows below bold heads.
+
+    Args:
+        heads: The columns.
+        rows: A text for each column.
+        right: Columns of numbers, at the right.
+        whole: Columns that are never broken, so that they can be copied.
+    """
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    rows = list(rows)
+    for head, cells in zip(heads, zip(*rows, strict=True), strict=True):
+        widest = max(map(len, cells)) if head in whole else None
+        justify: Literal["right", "left"] = "right" if head in right else "left"
+        table.add_column(head, justify=justify, no_wrap=head in whole, min_width=widest, overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
+    return table
 
 
 def plain_table(title: str) -> Table:

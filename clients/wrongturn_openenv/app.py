@@ -12,7 +12,6 @@ from typing import Any, Final, TypeVar
 
 from fastapi import FastAPI, HTTPException, WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel
 
 from wrongturn_openenv.messages import (
     ErrorCode,
@@ -23,7 +22,7 @@ from wrongturn_openenv.messages import (
     StepRequest,
     action_of,
     read,
-    reset_request,
+    refusals,
 )
 from wrongturn_openenv.session import Service, Session
 from wrongturn_protocol import Action, Track
@@ -219,21 +218,21 @@ def _answer(session: Session, text: str) -> str | None:
     """Do what a message asks for and return the answer's text; None if it asks to close."""
     try:
         message = read(text)
-        match message.type:
-            case "reset":
-                return _reply("observation", session.reset(reset_request(message.data)))
-            case "step":
-                return _reply("observation", session.step(action_of(message.data)))
-            case "state":
-                return _reply("state", session.state)
-            case "close":
-                return None
+        reply: Reply | State
+        if message.type == "close":
+            return None
+        if message.type == "state":
+            reply = session.state
+        elif message.type == "step":
+            reply = session.step(action_of(message.data))
+        else:
+            with refusals():
+                asked = ResetRequest.model_validate(message.data)
+            reply = session.reset(asked)
     except RefusedError as error:
         return _error(error)
-
-
-def _reply(kind: str, data: BaseModel) -> str:
-    return json.dumps({"type": kind, "data": data.model_dump(mode="json")}, separators=(",", ":"))
+    kind = "state" if message.type == "state" else "observation"
+    return json.dumps({"type": kind, "data": reply.model_dump(mode="json")}, separators=(",", ":"))
 
 
 def _error(error: RefusedError) -> str:

@@ -1,11 +1,15 @@
 """OpenEnv's messages, as its version 0.3 sends them: what a client asks for and what it is answered."""
 
+import contextlib
 import json
+from collections.abc import Iterator
 from enum import StrEnum
 from typing import Annotated, Any, Final, Literal
 
+from gymnasium.error import ResetNeeded
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from wrongturn_client.errors import WrongturnError
 from wrongturn_protocol import Action, Fault, Track
 from wrongturn_protocol.episodes import action_error
 from wrongturn_protocol.suggestions import did_you_mean
@@ -126,33 +130,33 @@ def read(text: str) -> Message:
         raise RefusedError(ErrorCode.INVALID_JSON, f"the message is no JSON: {str(error)[:200]}") from None
     if not isinstance(found, dict):
         raise RefusedError(ErrorCode.VALIDATION_ERROR, "the message is not an object; send one with type and data")
-    try:
+    with refusals():
         return Message.model_validate(found)
-    except ValidationError as error:
-        code = ErrorCode.UNKNOWN_TYPE if error.errors()[0]["loc"] == ("type",) else ErrorCode.VALIDATION_ERROR
-        raise RefusedError(code, first_error(error)) from None
 
 
-def reset_request(data: dict[str, Any]) -> ResetRequest:
-    """Return the parameters of a reset; raise RefusedError for an unknown one, or a value of another type."""
+@contextlib.contextmanager
+def refusals() -> Iterator[None]:
+    """Turn the errors of messages and of the environment into refusals."""
     try:
-        return ResetRequest.model_validate(data)
+        yield
     except ValidationError as error:
-        raise RefusedError(ErrorCode.VALIDATION_ERROR, first_error(error)) from None
+        unknown = error.title == Message.__name__ and error.errors()[0]["loc"] == ("type",)
+        code = ErrorCode.UNKNOWN_TYPE if unknown else ErrorCode.VALIDATION_ERROR
+        said = action_error(error) if error.title == Action.__name__ else _first_error(error)
+        raise RefusedError(code, said) from None
+    except ValueError as error:
+        raise RefusedError(ErrorCode.VALIDATION_ERROR, str(error)) from None
+    except (WrongturnError, ResetNeeded) as error:
+        raise RefusedError(ErrorCode.EXECUTION_ERROR, str(error)) from None
 
 
 def action_of(data: dict[str, Any]) -> Action:
-    """Return the action of a step; raise RefusedError if it is none.
-
-    It ignores ``metadata``, which OpenEnv's typed clients send with each action.
-    """
-    try:
+    """Return the action of a step, without the ``metadata`` that OpenEnv's typed clients send; raise RefusedError."""
+    with refusals():
         return Action.model_validate({name: value for name, value in data.items() if name != "metadata"})
-    except ValidationError as error:
-        raise RefusedError(ErrorCode.VALIDATION_ERROR, action_error(error)) from None
 
 
-def first_error(error: ValidationError) -> str:
+def _first_error(error: ValidationError) -> str:
     """Return the first error in a client's data in one line."""
     first = error.errors(include_url=False)[0]
     name = ".".join(str(part) for part in first["loc"])

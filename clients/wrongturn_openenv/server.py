@@ -1,4 +1,4 @@
-"""Runs uvicorn, and prints the URL once clients may connect."""
+"""Runs uvicorn. Clients may connect as soon as the URL is printed: the socket listens already."""
 
 import asyncio
 import logging
@@ -46,24 +46,20 @@ def run(service: Service, sessions: int, listening: socket.socket) -> None:
         access_log=False,
         log_level="warning",
     )
+    host, port = listening.getsockname()[:2]
+    sys.stdout.write(f"{READY}http://{f'[{host}]' if ':' in host else host}:{port}\n")
+    sys.stdout.flush()
     _Server(config, app.state.stop).run(sockets=[listening])
     # A call that still waits would log that it does not reach the service that this command ends next.
     logging.getLogger("wrongturn_client").setLevel(logging.ERROR)
 
 
 class _Server(uvicorn.Server):
-    """Prints its URL once it is ready, and exits soon and with status 0 on a signal."""
+    """Exits soon and with status 0 on a signal."""
 
     def __init__(self, config: uvicorn.Config, stop: Callable[[], None]) -> None:
         super().__init__(config)
         self._stop_calls = stop
-
-    @override
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets)
-        host, port = (sockets or [])[0].getsockname()[:2]
-        sys.stdout.write(f"{READY}http://{f'[{host}]' if ':' in host else host}:{port}\n")
-        sys.stdout.flush()
 
     @override
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:

@@ -2,22 +2,20 @@
 
 import contextlib
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 import httpx
-from gymnasium.error import ResetNeeded
-from pydantic import ValidationError
 
 from wrongturn_client import Client, WrongturnError
 from wrongturn_client.closing import Closing
 from wrongturn_client.errors import AuthenticationError
 from wrongturn_client.gym_env import RemoteEnv
 from wrongturn_client.practice import practice_token
-from wrongturn_openenv.messages import ErrorCode, RefusedError, Reply, ResetRequest, State, first_error
+from wrongturn_openenv.messages import ErrorCode, RefusedError, Reply, ResetRequest, State, refusals
 from wrongturn_protocol import Action, Track, TrialOptions
-from wrongturn_protocol.observations import Observation, encode
+from wrongturn_protocol.observations import encode
 
 PATIENCE_S: Final = 45.0
 """Seconds to wait for a busy service. OpenEnv's client waits 60 s for an answer, so it hears why there is none."""
@@ -103,21 +101,26 @@ class Session(Closing):
         """
         given = {name: getattr(asked, name) for name in asked.model_fields_set - {"seed", "episode_id", "trial"}}
         options = {name: value for name, value in {**self._service.defaults, **given}.items() if value is not None}
-        with self._lock, _refusals():
-            env = self._environment(options)
-            chosen = None if asked.trial is None else {"trial": asked.trial}
+        with self._lock, refusals():
             try:
-                observation, info = env.reset(seed=asked.seed, options=chosen)
+                return self._begin(asked, options)
             except AuthenticationError:  # its token was revoked, or the service has another database
-                if not self._service.forget(env.track, self._token):
+                if self._env is None or not self._service.forget(self._env.track, self._token):
                     raise
                 self.close()
-                env = self._environment(options)
-                observation, info = env.reset(seed=asked.seed, options=chosen)
-            self.state = State(
-                episode_id=asked.episode_id or env.episode, track=env.track, town=info["town"], trial=info["trial"]
-            )
-            return Reply(observation=self._plain(observation))
+                return self._begin(asked, options)
+
+    def _begin(self, asked: ResetRequest, options: dict[str, Any]) -> Reply:
+        if self._env is None or options != self._options:
+            env, token = self._service.environment(options)
+            self.close()
+            self._env, self._token, self._options, self.state = env, token, options, State()
+        env = self._env
+        chosen = None if asked.trial is None else {"trial": asked.trial}
+        observation, info = env.reset(seed=asked.seed, options=chosen)
+        name = asked.episode_id or env.episode
+        self.state = State(episode_id=name, track=env.track, town=info["town"], trial=info["trial"])
+        return Reply(observation=encode(observation, env.track))
 
     def step(self, action: Action) -> Reply:
         """Drive on for 0.1 s.
@@ -128,7 +131,7 @@ class Session(Closing):
         """
         if self._env is None:
             raise RefusedError(ErrorCode.EXECUTION_ERROR, "step before the first reset; call reset")
-        with self._lock, _refusals():
+        with self._lock, refusals():
             observation, reward, terminated, truncated, info = self._env.step(action)
             self.state = self.state.model_copy(
                 update={
@@ -139,7 +142,9 @@ class Session(Closing):
                     "lost": info.get("lost"),
                 }
             )
-            return Reply(observation=self._plain(observation), reward=float(reward), done=terminated or truncated)
+            return Reply(
+                observation=encode(observation, self._env.track), reward=float(reward), done=terminated or truncated
+            )
 
     def close(self) -> None:
         """End an open episode and close the connection."""
@@ -147,27 +152,3 @@ class Session(Closing):
             if self._env is not None:
                 self._env.close()
             self._env = None
-
-    def _environment(self, options: dict[str, Any]) -> RemoteEnv:
-        if self._env is None or options != self._options:
-            env, token = self._service.environment(options)
-            self.close()
-            self._env, self._token, self._options, self.state = env, token, options, State()
-        return self._env
-
-    def _plain(self, observation: Observation) -> dict[str, Any]:
-        assert self._env is not None
-        return encode(observation, self._env.track)
-
-
-@contextlib.contextmanager
-def _refusals() -> Iterator[None]:
-    """Turn errors of the environment into refusals."""
-    try:
-        yield
-    except ValidationError as error:
-        raise RefusedError(ErrorCode.VALIDATION_ERROR, first_error(error)) from None
-    except ValueError as error:
-        raise RefusedError(ErrorCode.VALIDATION_ERROR, str(error)) from None
-    except (WrongturnError, ResetNeeded) as error:
-        raise RefusedError(ErrorCode.EXECUTION_ERROR, str(error)) from None

@@ -121,7 +121,7 @@ def test_what_is_missing_is_named(evaluation: Evaluation, monkeypatch: pytest.Mo
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(WrongturnError, match=r"to_frame: .*pip install 'wrongturn-client\[frames\]'"):
         evaluation.to_frame()
-    monkeypatch.setattr("wrongturn_client.plotting.entry_points", lambda group: {})
+    monkeypatch.setattr("wrongturn_client.plugins.entry_points", lambda group: {})
     with pytest.raises(PluginError, match=r"plot: .*pip install 'wrongturn-service\[plot\]'"):
         evaluation.episodes[0].plot()
 
