@@ -34,7 +34,7 @@ class HttpCalls(EpisodeCalls):
     _media_type: str
     """That of requests and replies: msgpack or JSON."""
 
-    def send(self, call: EpisodeCall, patience: float) -> dict[str, Any]:
+    def _send(self, call: EpisodeCall, patience: float) -> dict[str, Any]:
         """Send one call and return the fields of its reply; raises as :meth:`Transport.call`."""
         method, path, body, key = _request_of(call)
         answer = self._transport.call(method, path, body=body, media_type=self._media_type, key=key, patience=patience)
@@ -49,7 +49,7 @@ class HttpCalls(EpisodeCalls):
 
     def _answer(self, call: EpisodeCall) -> Result:
         try:
-            return self.send(call, self._transport.patience)
+            return self._send(call, self._transport.patience)
         except ApiError as error:
             return error
 
@@ -123,7 +123,7 @@ class HttpDrive(DriveConnection):
 
     def _result(self, call: EpisodeCall) -> Result:
         try:
-            fields = self._http.send(call, self.patience)
+            fields = self._http._send(call, self.patience)
         except ApiError as error:
             return error
         kind = _REPLIES.get(call[0])
