@@ -61,19 +61,12 @@ class TimedCalls(HttpDrive):
     def __init__(self, client: Client, parallel: int, steps: Stopwatch, resets: Stopwatch) -> None:
         super().__init__(client, client._transport.patience, parallel)
         self._watches = {Call.STEP.value: steps, Call.NEXT.value: resets}
-        self._begun: dict[int, tuple[Stopwatch, float]] = {}
 
-    def submit(self, calls: Any) -> int:
+    def exchange(self, calls: Any) -> Any:
         began = time.perf_counter()
-        number = super().submit(calls)
-        self._begun[number] = self._watches[calls[0][0]], began
-        return number
-
-    def receive(self) -> Any:
-        answered = super().receive()
-        watch, began = self._begun.pop(answered[0])
-        watch.times.append(time.perf_counter() - began)
-        return answered
+        results = super().exchange(calls)
+        self._watches[calls[0][0]].times.append(time.perf_counter() - began)
+        return results
 
 
 def over_http(url: str, suite: str) -> dict[str, Any]:

@@ -21,8 +21,8 @@ _NUMBERS: Final = 2**32
 class DriveSocket(DriveConnection):
     """WebSocket connection for driving; one thread may use it at a time. Make it with :meth:`Client.drive`.
 
-    If the connection breaks, it is opened again and every unanswered message is sent again. Nothing happens twice: a
-    step carries its ``seq``, and a call that begins an episode carries a key.
+    If the connection breaks, it is opened again and a message that has no answer is sent again. Nothing happens twice:
+    a step carries its ``seq``, and a call that begins an episode carries a key.
     """
 
     def __init__(
@@ -53,7 +53,6 @@ class DriveSocket(DriveConnection):
         self._open = partial(WebSocketConnection, url, token, timeout)
         self._connection: WebSocketConnection | None = None
         self._number = 0
-        self._unanswered: dict[int, bytes] = {}
         self._connect()
 
     def close(self) -> None:
@@ -62,31 +61,51 @@ class DriveSocket(DriveConnection):
             self._connection.close()
             self._connection = None
 
-    def submit(self, calls: Sequence[EpisodeCall]) -> int:
-        """Send a message of calls and return its number."""
+    def exchange(self, calls: Sequence[EpisodeCall]) -> list[Result]:
+        """Send a message of calls and return their results; calls that meet a busy service are repeated."""
         if not 0 < len(calls) <= CALLS:
             raise ValueError(f"calls: are {len(calls)}; send 1 to {CALLS} in a message")
         with self._alone:
-            self._number = number = (self._number + 1) % _NUMBERS
-            self._unanswered[number] = message = pack_calls(number, calls)
+            results = self._results(calls)
+            if ServiceBusyError in map(type, results):
+                self._repeat_busy(calls, results)
+            return results
+
+    def _results(self, calls: Sequence[EpisodeCall]) -> list[Result]:
+        """Send a message until it is answered; if the connection breaks, over another one."""
+        self._number = (self._number + 1) % _NUMBERS
+        message = pack_calls(self._number, calls)
+        while True:
             try:
-                self._connected().send(message)
+                if self._connection is None:
+                    raise ConnectionBrokeError("the connection is closed")
+                self._connection.send(message)
+                return self._received(self._connection)
             except OSError:
                 self._connect()
-            return number
 
-    def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result]) -> None:
+    def _received(self, connection: WebSocketConnection) -> list[Result]:
+        while True:
+            try:
+                number, results = unpack_results(connection.receive())
+            except MalformedMessageError as error:
+                raise ProtocolError(f"the service's message cannot be read: {error}") from error
+            if number == self._number:
+                return list(map(_read, results))
+            if number is None:  # about the connection itself
+                self.close()
+                why = _read(results[0]) if results else None
+                raise why if isinstance(why, ApiError) else ProtocolError("the service's message has no number")
+
+    def _repeat_busy(self, calls: Sequence[EpisodeCall], results: list[Result]) -> None:
         """Repeat the calls that met a busy service, and replace their results."""
-        if ServiceBusyError not in map(type, results):
-            return  # as nearly always, so this check is quick
         begun = False
 
         def attempt() -> None:
             nonlocal begun
             busy = [at for at, result in enumerate(results) if isinstance(result, ServiceBusyError)]
             if begun:
-                again = self._results_of(self.submit([calls[at] for at in busy]))
-                for at, result in zip(busy, again, strict=True):
+                for at, result in zip(busy, self._results([calls[at] for at in busy]), strict=True):
                     results[at] = result
             begun = True
             if refusals := [result for result in results if isinstance(result, ServiceBusyError)]:
@@ -95,46 +114,12 @@ class DriveSocket(DriveConnection):
         with contextlib.suppress(ServiceBusyError):  # the results say so
             self._contact.persist(attempt, self.patience)
 
-    def _receive(self) -> tuple[int, list[Result]]:
-        while True:
-            try:
-                number, results = unpack_results(self._connected().receive())
-            except OSError:
-                self._connect()
-                continue
-            except MalformedMessageError as error:
-                raise ProtocolError(f"the service's message cannot be read: {error}") from error
-            read = [_read(result) for result in results]
-            if number is None:  # about the connection itself
-                self.close()
-                if read and isinstance(read[0], ApiError):
-                    raise read[0]
-                raise ProtocolError("the service's message has no number")
-            # A message that was sent over two connections may be answered twice.
-            if self._unanswered.pop(number, None) is not None:
-                return number, read
-
-    def _connected(self) -> WebSocketConnection:
-        if self._connection is None:
-            raise ConnectionBrokeError("the connection is closed")
-        return self._connection
-
     def _connect(self) -> None:
-        """Connect, and send unanswered messages again."""
         self.close()
-
-        def attempt() -> WebSocketConnection:
-            connection = self._open(offered=self._contact.offers_socket)
-            try:
-                for message in self._unanswered.values():
-                    connection.send(message)
-            except BaseException:
-                connection.close()
-                raise
-            return connection
-
         try:
-            self._connection = self._contact.persist(attempt, self.patience)
+            self._connection = self._contact.persist(
+                lambda: self._open(offered=self._contact.offers_socket), self.patience
+            )
         except OSError as error:
             raise ServiceUnreachableError(self._contact.url, reason_of(error)) from error
         self._contact.answered()

@@ -159,7 +159,7 @@ class EpisodeCalls(Closing):
 
 
 class DriveConnection(EpisodeCalls):
-    """Connection for driving many episodes: several calls go in one message, and several messages may be open.
+    """Connection for driving many episodes: several calls go in one message.
 
     One thread may use it at a time; another one gets a WrongturnError.
     """
@@ -168,31 +168,8 @@ class DriveConnection(EpisodeCalls):
         self.patience = patience
         """Seconds for which calls are repeated while the service is busy or does not answer; 0 for never."""
         self._alone = OneThread()
-        self._early: dict[int, list[Result]] = {}
-        """Results that came while another message was waited for."""
 
     @abstractmethod
-    def submit(self, calls: Sequence[EpisodeCall]) -> int:
-        """Send a message of 1 to 256 calls and return its number; raises as :meth:`exchange`."""
-
-    @abstractmethod
-    def _receive(self) -> tuple[int, list[Result]]:
-        """Wait for an answered message and return its number and results."""
-
-    def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result]) -> None:
-        """Repeat the calls of a message that met a busy service, and replace their results.
-
-        Calls that still meet a busy service when the patience ends keep their error.
-        """
-
-    def receive(self) -> tuple[int, list[Result]]:
-        """Wait for any answered message and return its number and results; raises as :meth:`exchange`."""
-        with self._alone:
-            if self._early:
-                number = next(iter(self._early))
-                return number, self._early.pop(number)
-            return self._receive()
-
     def exchange(self, calls: Sequence[EpisodeCall]) -> list[Result]:
         """Send a message of 1 to 256 calls and return their results. Calls that meet a busy service are repeated.
 
@@ -202,10 +179,6 @@ class DriveConnection(EpisodeCalls):
             ServiceUnreachableError: Nobody answered within the patience.
             ApiError: The service refused the connection.
         """
-        with self._alone:
-            results = self._results_of(self.submit(calls))
-            self.retry_busy(calls, results)
-            return results
 
     def steps(self, steps: Sequence[tuple[str, int, ActionLike]]) -> list[StepReply | ApiError]:
         """Drive several episodes for 0.1 s in one message; return a reply or an error for each.
@@ -215,13 +188,6 @@ class DriveConnection(EpisodeCalls):
         """
         results = self.exchange([step_call(*step) for step in steps])
         return [result if isinstance(result, ApiError) else validated(StepReply, result) for result in results]
-
-    def _results_of(self, wanted: int) -> list[Result]:
-        while True:
-            number, results = self._receive()
-            if number == wanted:
-                return results
-            self._early[number] = results
 
     def _answer(self, call: EpisodeCall) -> Result:
         return self.exchange([call])[0]

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int], None]
 """Called with the numbers of finished and of all episodes, or of sent and of all bytes."""
+_CONNECTIONS: Final = 32
+"""Most connections for driving that a service gives one agent by default."""
 _WIDTH: Final = 30
 """Characters of the bar."""
 
@@ -52,8 +54,8 @@ def evaluate(
     tell(min(finished, begun.trials), begun.trials)
     if begun.state is EvaluationState.RUNNING:
         episodes = [episode.id for episode in client.open_episodes(begun.id)] if resumed else []
-        with client.connection(parallel) as connection:
-            EvaluationDriver(connection, make_policy, begun.id, parallel=parallel, resumed=episodes, on_end=count).run()
+        driver = EvaluationDriver(lambda: client.connection(1), make_policy, begun.id, resumed=episodes, on_end=count)
+        driver.run(min(parallel, begun.max_parallel, _CONNECTIONS))
     if records:
         client.put_results(begun.id, records, {**_installed_versions(), **(versions or {})})
     done = client.evaluation(begun.id)

@@ -1,4 +1,4 @@
-"""Driving a policy through the trials of an evaluation, over the WebSocket or HTTP."""
+"""Driving a policy through the trials of an evaluation."""
 
 import contextlib
 import hashlib
@@ -7,22 +7,12 @@ import struct
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from typing import Final
 
-from wrongturn_client.episode_calls import (
-    DriveConnection,
-    EpisodeCall,
-    EpisodeCalls,
-    Result,
-    action_of,
-    granted,
-    next_call,
-    step_call,
-    track_of_message,
-)
+from wrongturn_client.episode_calls import EpisodeCalls, action_of, track_of_message
 from wrongturn_client.errors import (
     EpisodeFinishedError,
     EpisodeLostError,
@@ -37,7 +27,6 @@ from wrongturn_client.errors import (
 from wrongturn_client.policy import Policy, PolicyMaker
 from wrongturn_protocol import Action, EpisodeRecord, EpisodeReply
 from wrongturn_protocol.observations import Observation, observation_space
-from wrongturn_protocol.wire import CALLS, Call
 
 _STALLED_AFTER: Final = 900.0
 """Seconds without a trial; the service gives up on a vanished worker after 600."""
@@ -45,9 +34,6 @@ _PAUSE: Final = 1.0
 """Seconds, if the service does not say when to ask for a trial again."""
 _LONGEST_PAUSE: Final = 10.0
 _ACTION: Final = struct.Struct("<3f")
-
-_Map = Callable[[Callable[["_OpenEpisode"], None], "list[_OpenEpisode]"], Iterable[None]]
-"""``map``, or its counterpart in threads if several episodes are driven at a time."""
 
 
 @dataclass
@@ -75,147 +61,100 @@ class EpisodeRecorder:
         )
 
 
-@dataclass
-class _OpenEpisode:
-    id: str
-    seq: int
-    observation: Observation
-    recorder: EpisodeRecorder | None
-    """None for a resumed episode: its first actions are not known here."""
-    policy: Policy
-    call: EpisodeCall = ()
-    """That of the step under way."""
-
-
 class EvaluationDriver:
-    """Drives one policy through one evaluation.
-
-    The steps of all open episodes go in one message. Each request for a new trial has a message of its own, because a
-    reset takes as long as dozens of steps.
-    """
+    """Drives policies through the trials of one evaluation. Each episode at a time has a thread and a connection."""
 
     def __init__(
         self,
-        connection: DriveConnection,
+        connect: Callable[[], EpisodeCalls],
         make_policy: PolicyMaker,
         evaluation: str,
         *,
-        parallel: int,
         resumed: Iterable[str] = (),
         on_end: Callable[[EpisodeRecorder | None], None],
     ) -> None:
         """Create a driver without episodes; ``on_end`` gets the record of each ended one, None for a resumed one."""
-        self._connection = connection
+        self._connect = connect
         self._make_policy = make_policy
         self._evaluation = evaluation
-        self._parallel = min(parallel, CALLS // 2)
         self._resumed = deque(resumed)
         self._on_end = on_end
-        self._asked: dict[int, EpisodeCall] = {}
-        """Calls that begin or resume an episode, by the number of their message."""
-        self._stepping: dict[int, list[_OpenEpisode]] = {}
-        self._ready: list[_OpenEpisode] = []
-        self._no_trial_left = False
-        self._ask_at = 0.0
+        self._stop = threading.Event()
+        self._changed = threading.Condition()
+        """Notified when an episode ended: there is room for another, and perhaps its twin is free."""
+        self._ended = 0
         self._last_progress = time.monotonic()
 
-    def run(self) -> None:
-        """Drive until no trial is left; raise as :meth:`wrongturn_client.Client.evaluate`."""
-        with contextlib.ExitStack() as stack:
-            each: _Map = map if self._parallel == 1 else stack.enter_context(ThreadPoolExecutor(self._parallel)).map
-            while True:
-                self._ask()
-                if self._ready and not self._stepping:
-                    self._step(each)
-                if self._asked or self._stepping:
-                    self._take(*self._connection.receive())
-                elif self._no_trial_left and not self._resumed:
-                    return
-                else:
-                    time.sleep(max(0.0, self._ask_at - time.monotonic()))
+    def run(self, parallel: int) -> None:
+        """Drive until no trial is left, so many episodes at a time; raises as :meth:`Client.evaluate`.
 
-    def _ask(self) -> None:
-        """Ask for as many trials as there is room for."""
-        room = self._parallel - len(self._asked) - len(self._ready) - sum(map(len, self._stepping.values()))
-        for _ in range(room):
-            if self._resumed:
-                call = [Call.LOOK.value, self._resumed.popleft()]
-            elif self._no_trial_left or time.monotonic() < self._ask_at:
-                return
-            else:
-                call = next_call(self._evaluation)
-            self._asked[self._connection.submit([call])] = call
-
-    def _step(self, each: _Map) -> None:
-        episodes, self._ready = self._ready, []
-        list(each(self._decide, episodes))
-        self._stepping[self._connection.submit([episode.call for episode in episodes])] = episodes
-
-    def _decide(self, episode: _OpenEpisode) -> None:
-        action, latency = _decide(self._connection, episode.policy, episode.id, episode.observation)
-        episode.call = step_call(episode.id, episode.seq + 1, action)
-        if episode.recorder is not None:
-            episode.recorder.add(action, latency)
-
-    def _take(self, number: int, results: list[Result]) -> None:
-        call = self._asked.pop(number, None)
-        if call is not None:
-            self._connection.retry_busy([call], results)
-            self._begin(call, results[0])
+        After an error the other episodes stay open where they are.
+        """
+        if parallel == 1:
+            self._work()
             return
-        episodes = self._stepping.pop(number)
-        self._connection.retry_busy([episode.call for episode in episodes], results)
-        for episode, result in zip(episodes, results, strict=True):
-            self._advance(episode, result)
+        with ThreadPoolExecutor(parallel, "wrongturn-evaluation") as threads:
+            jobs = [threads.submit(self._work) for _ in range(parallel)]
+            try:
+                done, _ = wait(jobs, return_when=FIRST_EXCEPTION)
+            finally:  # after Ctrl-C too
+                self._stop.set()
+                with self._changed:
+                    self._changed.notify_all()
+        for job in done:
+            job.result()
 
-    def _begin(self, call: EpisodeCall, result: Result) -> None:
-        if isinstance(result, EvaluationFinishedError):
-            self._no_trial_left = True
-        elif isinstance(result, NoTrialAvailableError):
-            self._ask_at = time.monotonic() + self._pause(result)
-        elif isinstance(result, EpisodeLostError):
-            return
-        elif call[0] != Call.LOOK:
-            fields = granted(result)
-            self._start(fields["id"], 0, fields["observation"], EpisodeRecorder(fields["id"]))
-        elif last := granted(result).get("last_reply"):  # without one, the episode has ended meanwhile
-            self._start(granted(result)["id"], int(last["seq"]), last["observation"], None)
+    def _work(self) -> None:
+        with self._connect() as calls:
+            while self._resumed and not self._stop.is_set():
+                with contextlib.suppress(IndexError, EpisodeLostError):
+                    found = calls.episode(self._resumed.popleft())
+                    if last := found.last_reply:  # without one, the episode has ended meanwhile
+                        self._drive(calls, found.id, int(last["seq"]), last["observation"], None)
+            while (begun := self._next_episode(calls)) is not None:
+                self._drive(calls, begun.id, 0, begun.observation, EpisodeRecorder(begun.id))
 
-    def _pause(self, error: NoTrialAvailableError) -> float:
-        """Return the seconds until the next attempt to get a trial."""
+    def _next_episode(self, calls: EpisodeCalls) -> EpisodeReply | None:
+        """Begin the next trial, once one is free; return None if none is left."""
+        while not self._stop.is_set():
+            ended = self._ended
+            try:
+                return calls.next_episode(self._evaluation)
+            except EvaluationFinishedError:
+                return None
+            except NoTrialAvailableError as error:
+                self._await_trial(error, ended)
+        return None
+
+    def _await_trial(self, error: NoTrialAvailableError, ended: int) -> None:
         if time.monotonic() - self._last_progress > _STALLED_AFTER:
             raise EvaluationStalledError(
                 f"the service handed out no trial of evaluation {self._evaluation} for {_STALLED_AFTER:.0f} s; another "
                 "worker holds the rest: look at the open episodes, or resume the evaluation later by its id"
             ) from error
-        return min(_PAUSE if error.retry_after is None else error.retry_after, _LONGEST_PAUSE)
+        pause = min(_PAUSE if error.retry_after is None else error.retry_after, _LONGEST_PAUSE)
+        with self._changed:
+            self._changed.wait_for(lambda: self._ended != ended or self._stop.is_set(), pause)
 
-    def _start(self, name: str, seq: int, observation: Observation, recorder: EpisodeRecorder | None) -> None:
-        self._last_progress = time.monotonic()
-        policy = self._make_policy()
-        _reset(self._connection, policy, name, observation)
-        self._ready.append(_OpenEpisode(name, seq, observation, recorder, policy))
-
-    def _advance(self, episode: _OpenEpisode, result: Result) -> None:
-        if isinstance(result, EpisodeLostError):
-            return
-        if isinstance(result, EpisodeFinishedError) and episode.recorder is None:
-            self._end(episode)
-            return
-        fields = granted(result)
-        _check_seq(episode.id, episode.seq + 1, fields["seq"])
-        if fields["terminated"] or fields["truncated"]:
-            self._end(episode)
-            return
-        episode.seq += 1
-        episode.observation = fields["observation"]
-        self._ready.append(episode)
-
-    def _end(self, episode: _OpenEpisode) -> None:
-        # There is room for a trial again, and perhaps a twin is free: ask at once.
-        self._ask_at = 0.0
-        self._last_progress = time.monotonic()
-        self._on_end(episode.recorder)
+    def _drive(
+        self, calls: EpisodeCalls, episode: str, seq: int, observation: Observation, recorder: EpisodeRecorder | None
+    ) -> None:
+        with self._changed:
+            self._last_progress = time.monotonic()
+            policy = self._make_policy()
+        try:
+            if not _driven(calls, policy, episode, seq, observation, recorder, self._stop):
+                return
+        except EpisodeLostError:
+            return  # its trial is handed out again
+        except EpisodeFinishedError:
+            if recorder is not None:
+                raise
+        with self._changed:
+            self._ended += 1
+            self._last_progress = time.monotonic()
+            self._on_end(recorder)
+            self._changed.notify_all()
 
 
 def drive_episode(
@@ -234,47 +173,52 @@ def drive_episode(
         PolicyError: The policy returned something that is not an action. The episode is aborted then, as after any
             error that the policy raises.
     """
-    seq, observation = 0, begun.observation
-    _reset(client, policy, begun.id, observation)
-    while stop is None or not stop.is_set():
-        action, _ = _decide(client, policy, begun.id, observation)
-        seq += 1
-        reply = client.step(begun.id, seq, action)
-        _check_seq(begun.id, seq, reply.seq)
-        if reply.terminated or reply.truncated:
-            return
-        observation = reply.observation
+    _driven(client, policy, begun.id, 0, begun.observation, None, stop)
 
 
-def _reset(client: EpisodeCalls, policy: Policy, episode: str, observation: Observation) -> None:
-    """Reset the policy; if that fails, abort the episode."""
-    try:
+def _driven(
+    calls: EpisodeCalls,
+    policy: Policy,
+    episode: str,
+    seq: int,
+    observation: Observation,
+    recorder: EpisodeRecorder | None,
+    stop: threading.Event | None,
+) -> bool:
+    """Drive an episode on from its last reply; return whether it ended, and not only was stopped."""
+    with _aborting(calls, episode):
         policy.reset(observation_space(track_of_message(observation)))
-    except Exception:
-        _abort(client, episode)
-        raise
+    while stop is None or not stop.is_set():
+        with _aborting(calls, episode):
+            begin = time.perf_counter()
+            given = policy.act(observation)
+            latency = time.perf_counter() - begin
+            action = _action_of(policy, given)
+        if recorder is not None:
+            recorder.add(action, latency)
+        seq += 1
+        reply = calls.step(episode, seq, action)
+        if reply.seq != seq:
+            raise ProtocolError(f"seq: the reply to step {seq} of episode {episode} has {reply.seq}")
+        if reply.terminated or reply.truncated:
+            return True
+        observation = reply.observation
+    return False
 
 
-def _decide(client: EpisodeCalls, policy: Policy, episode: str, observation: Observation) -> tuple[Action, float]:
-    """Return the policy's action and the seconds it took; if that fails, abort the episode."""
+@contextlib.contextmanager
+def _aborting(calls: EpisodeCalls, episode: str) -> Iterator[None]:
+    """Abort the episode if the policy fails."""
     try:
-        begin = time.perf_counter()
-        given = policy.act(observation)
-        latency = time.perf_counter() - begin
-        return action_of(given), latency
-    except Exception as error:
-        _abort(client, episode)
-        if isinstance(error, InvalidActionError):
-            called = f"{type(policy).__name__}.act"
-            raise PolicyError(f"{called} returned no action that can be driven: {error}") from None
+        yield
+    except Exception:
+        with contextlib.suppress(WrongturnError):  # the first error matters more
+            calls.abort_episode(episode)
         raise
 
 
-def _abort(client: EpisodeCalls, episode: str) -> None:
-    with contextlib.suppress(WrongturnError):  # the first error matters more
-        client.abort_episode(episode)
-
-
-def _check_seq(episode: str, wanted: int, got: int) -> None:
-    if got != wanted:
-        raise ProtocolError(f"seq: the reply to step {wanted} of episode {episode} has {got}")
+def _action_of(policy: Policy, given: object) -> Action:
+    try:
+        return action_of(given)
+    except InvalidActionError as error:
+        raise PolicyError(f"{type(policy).__name__}.act returned no action that can be driven: {error}") from None

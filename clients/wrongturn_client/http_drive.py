@@ -1,8 +1,7 @@
 """Driving over HTTP, for services and proxies without the WebSocket."""
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from itertools import count
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any, Final
 
 from wrongturn_client.episode_calls import (
@@ -86,40 +85,22 @@ class HttpDrive(DriveConnection):
     """Connection for driving over HTTP; the calls of a message go side by side, and each repeats itself."""
 
     def __init__(self, http: HttpCalls, patience: float, threads: int) -> None:
-        """Open nothing yet. With one of ``threads``, :meth:`submit` waits for the answer."""
         super().__init__(patience)
         self._http = http
-        self._threads = ThreadPoolExecutor(threads, "wrongturn-http") if threads > 1 else None
-        self._numbers = count()
-        self._open: dict[int, list[Future[Result]]] = {}
+        self._threads = ThreadPoolExecutor(threads, "wrongturn-http")
 
-    def submit(self, calls: Sequence[EpisodeCall]) -> int:
-        """Send a message of calls and return its number."""
-        number = next(self._numbers)
-        self._open[number] = [self._start(call) for call in calls]
-        return number
+    def exchange(self, calls: Sequence[EpisodeCall]) -> list[Result]:
+        """Send a message of calls and return their results."""
+        with self._alone:
+            if len(calls) == 1:
+                return [self._result(calls[0])]
+            futures = [self._threads.submit(self._result, call) for call in calls]
+            wait(futures)  # after an error too: no call may be under way when the caller repeats it
+            return [future.result() for future in futures]
 
     def close(self) -> None:
         """Wait for open calls and end the threads; open episodes stay open."""
-        if self._threads is not None:
-            self._threads.shutdown()
-
-    def _receive(self) -> tuple[int, list[Result]]:
-        while True:
-            for number, futures in self._open.items():
-                # After an error too: no call may be under way when the caller repeats it.
-                if all(future.done() for future in futures):
-                    del self._open[number]
-                    return number, [future.result() for future in futures]
-            waiting = [future for futures in self._open.values() for future in futures if not future.done()]
-            wait(waiting, return_when=FIRST_COMPLETED)
-
-    def _start(self, call: EpisodeCall) -> Future[Result]:
-        if self._threads is not None:
-            return self._threads.submit(self._result, call)
-        done: Future[Result] = Future()
-        done.set_result(self._result(call))
-        return done
+        self._threads.shutdown()
 
     def _result(self, call: EpisodeCall) -> Result:
         try:

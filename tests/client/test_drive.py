@@ -18,14 +18,13 @@ from wrongturn_client import (
     AuthenticationError,
     Client,
     EpisodeFinishedError,
+    EvaluationFinishedError,
     LocalService,
     NotOfferedError,
     ServiceUnreachableError,
 )
-from wrongturn_networks import load_suite
-from wrongturn_protocol import EvaluationState, Outcome, PracticeRequest, Track, Trial
+from wrongturn_protocol import EvaluationState, PracticeRequest, Track
 from wrongturn_protocol.observations import Observation
-from wrongturn_sim import Episode
 
 GAS = Action(steer=0.0, throttle=0.8, brake=0.0)
 REQUEST = PracticeRequest(town="Town01", approach="J3-S", seed=3, track=Track.SEGMENTATION)
@@ -98,14 +97,18 @@ def test_too_many_steps_for_a_message_are_refused_here(client: Client) -> None:
         drive.steps([("ep", 1, GAS)] * 257)
 
 
-@pytest.mark.parametrize("parallel", [pytest.param(1, marks=pytest.mark.soak), 3])
-def test_an_evaluation_goes_by_the_socket(client: Client, parallel: int) -> None:
+def test_an_evaluation_goes_by_the_socket(client: Client) -> None:
     before = _stepped_over_http(client.url)
     told: list[int] = []
-    evaluation = client.evaluate(Gas(), "smoke@2", parallel=parallel, progress=lambda done, of: told.append(done))
+    evaluation = client.evaluate(Gas(), "smoke@2", parallel=3, progress=lambda done, of: told.append(done))
     assert evaluation.state is EvaluationState.FINISHED
     assert told == list(range(13))
     assert _stepped_over_http(client.url) == before
+    assert evaluation.metrics is not None
+    assert evaluation.metrics.unsafe.trials == 6
+    assert evaluation.id in {entry.evaluation for entry in client.leaderboard("smoke@2").entries}
+    with pytest.raises(EvaluationFinishedError):
+        client.next_episode(evaluation.id)
 
 
 def _stepped_over_http(url: str) -> float:
@@ -113,28 +116,6 @@ def _stepped_over_http(url: str) -> float:
     lines = httpx.get(url + "/metrics", timeout=60).text.splitlines()
     wanted = 'wrongturn_request_seconds_count{method="POST",route="/v1/episodes/{episode}/step"'
     return sum(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(wanted))
-
-
-@pytest.mark.soak  # CI compares both ways reply by reply
-def test_both_ways_come_to_the_verdicts_of_the_simulation(client: Client, service: LocalService) -> None:
-    with Client(service.url) as anybody:
-        token = anybody.register(f"other {np.random.default_rng().integers(2**40)}", Track.SEGMENTATION).token
-    with Client(service.url, token, binary=False) as over_http:
-        for one in (client, over_http):
-            evaluation = one.evaluate(Gas(), "smoke@2")
-            assert evaluation.secret is not None
-            seen = {episode.trial: episode.outcome for episode in one.finished_episodes(evaluation.id)}
-            trials = load_suite("smoke@2").draw(evaluation.secret).episodes
-            assert seen == {trial.id: full_throttle(trial) for trial in trials}
-
-
-def full_throttle(trial: Trial) -> Outcome | None:
-    """Drive a trial in this process as Gas does."""
-    episode = Episode(trial, Track.STATE)
-    episode.reset()
-    while episode.outcome is None:
-        episode.step(GAS.steer, GAS.throttle, GAS.brake)
-    return episode.outcome
 
 
 def test_an_evaluation_goes_on_after_each_cut(client: Client, forwarder: Forwarder) -> None:
@@ -208,7 +189,7 @@ _PLAIN = b"HTTP/1.1 %d Some\r\nContent-Length: 4\r\nConnection: close\r\n\r\nGon
 
 
 @pytest.mark.parametrize("gone", [None], indirect=True)
-@pytest.mark.parametrize("status", [200, 302, 401, 403, 404, 500, 502, 503])
+@pytest.mark.parametrize("status", [200, 302, 401, 404, 500, 503])
 def test_what_stands_in_for_a_service_that_is_started_again_is_waited_out(
     client: Client, forwarder: Forwarder, gone: Callable[..., None], status: int
 ) -> None:
@@ -251,6 +232,7 @@ def test_a_drive_begins_while_a_known_service_is_started_again(
             drive.abort_episode(drive.practise(REQUEST).id)
 
 
+@pytest.mark.parametrize("gone", [b""], indirect=True, ids=["closes"])
 def test_an_evaluation_bears_that_the_service_is_started_again(
     client: Client, forwarder: Forwarder, gone: Callable[[float], None]
 ) -> None:
@@ -272,21 +254,6 @@ def test_open_episodes_are_gone_on_with(client: Client) -> None:
     done = client.evaluate(Gas(), "smoke@2", evaluation=evaluation.id)
     assert done.state is EvaluationState.FINISHED
     assert episode.id in [one.id for one in client.finished_episodes(evaluation.id)]
-
-
-def test_a_policy_that_breaks_ends_its_episode(client: Client) -> None:
-    class Breaking(Gas):
-        def act(self, observation: Observation) -> Action:
-            if self.steps == 5:
-                raise RuntimeError("broken")
-            return super().act(observation)
-
-    evaluation = client.create_evaluation("smoke@2")
-    with pytest.raises(RuntimeError, match="broken"):
-        client.evaluate(Breaking(), "smoke@2", evaluation=evaluation.id)
-    assert len(client.finished_episodes(evaluation.id)) == 1
-    assert not client.open_episodes(evaluation.id)
-    client.cancel_evaluation(evaluation.id)
 
 
 def test_a_bad_token_is_told_at_the_handshake(service: LocalService) -> None:

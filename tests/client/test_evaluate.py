@@ -1,7 +1,10 @@
 """An evaluation comes to its end, whatever happens on the way."""
 
 import hashlib
+import threading
+import time
 from collections.abc import Callable
+from itertools import count
 from typing import Any
 
 import httpx
@@ -21,6 +24,7 @@ from wrongturn_client import (
     ResultsMismatchError,
     WrongturnError,
 )
+from wrongturn_client.evaluation_driver import EpisodeRecorder
 from wrongturn_protocol import EvaluationState, ProblemType, Track
 from wrongturn_protocol.observations import Observation, observation_space
 
@@ -55,6 +59,8 @@ def test_drives_all_trials_of_every_track(track: Track, binary: bool) -> None:
     assert isinstance(driver, Policy)
     assert detail.state is EvaluationState.FINISHED
     assert detail.metrics is not None
+    assert detail.secret is not None
+    assert detail.commitment == hashlib.sha256(detail.secret.encode()).hexdigest()
     assert told == [(n, 4) for n in range(5)]
     assert driver.resets == [observation_space(track)] * 4
     assert len(driver.observations) == 4 * 3
@@ -127,24 +133,17 @@ def test_a_lost_episode_is_nobodys_fault_and_the_next_is_taken() -> None:
     assert [record["episode"] for record in service.results["episodes"]] == ["ep0", "ep2", "ep3", "ep4"]
 
 
-def test_waits_while_no_trial_is_available(monkeypatch: pytest.MonkeyPatch) -> None:
-    pauses: list[float] = []
-    clock = [0.0]
-
-    def sleep(seconds: float) -> None:
-        pauses.append(seconds)
-        clock[0] += seconds
-
-    monkeypatch.setattr("wrongturn_client.evaluation_driver.time.sleep", sleep)
-    monkeypatch.setattr("wrongturn_client.evaluation_driver.time.monotonic", lambda: clock[0])
+def test_waits_while_no_trial_is_available() -> None:
     service = FakeService()
-    answers = [problem(ProblemType.NO_TRIAL_AVAILABLE, 409, headers={"retry-after": "2"}) for _ in range(3)]
+    answers = [problem(ProblemType.NO_TRIAL_AVAILABLE, 409, headers={"retry-after": "0.05"}) for _ in range(3)]
     service.inject = lambda request: (
         answers.pop() if answers and request.url.path.endswith("/e1/episodes") and request.method == "POST" else None
     )
+    begin = time.monotonic()
     with _client(service) as client:
         assert client.evaluate(Driver(), "smoke@2").state is EvaluationState.FINISHED
-    assert pauses == [2.0, 2.0, 2.0]
+    assert answers == []
+    assert time.monotonic() - begin >= 0.15
 
 
 @pytest.mark.parametrize("by_id", [True, False])
@@ -207,13 +206,6 @@ def test_an_action_may_be_an_array_a_tuple_or_a_list(kind: Callable[[list[float]
             client.evaluate(driver, "smoke@2")
         driven.append([np.float32(actions).tolist() for _, actions in sorted(service.seen.items())])
     assert driven[0] == driven[1]
-
-
-def test_the_finished_evaluation_holds_secret_and_promise() -> None:
-    with _client(FakeService()) as client:
-        detail = client.evaluate(Driver(), "smoke@2")
-    assert detail.secret is not None
-    assert detail.commitment == hashlib.sha256(detail.secret.encode()).hexdigest()
 
 
 def test_an_open_evaluation_is_named() -> None:
@@ -298,3 +290,95 @@ def test_what_is_no_policy_begins_nothing(policy: Any) -> None:
     ):
         client.evaluate(policy, "smoke@2")
     assert not service.requests
+
+
+# Several episodes at a time
+
+
+class Together(Driver):
+    """Begins an episode only when another one begins too."""
+
+    both = threading.Barrier(2, timeout=60)
+
+    def reset(self, observation_space: spaces.Space[Any]) -> None:
+        self.both.wait()
+
+
+def test_two_at_a_time_drive_all_trials_once() -> None:
+    service = FakeService(parallel=2)
+    open_at_a_time: list[int] = []
+    service.inject = lambda request: open_at_a_time.append(len(service.open))
+    told: list[tuple[int, int]] = []
+    with _client(service) as client:
+        detail = client.evaluate(Together(), "smoke@2", parallel=2, progress=lambda done, of: told.append((done, of)))
+    assert detail.state is EvaluationState.FINISHED
+    assert max(open_at_a_time) == 2
+    assert told == [(n, 4) for n in range(5)]
+    assert service.results is not None
+    assert len({record["episode"] for record in service.results["episodes"]}) == 4
+
+
+class Counts:
+    """Throttle by the number of its own decisions, which is wrong where two episodes share it."""
+
+    def __init__(self) -> None:
+        self.decisions = 0
+
+    def reset(self, observation_space: spaces.Space[Any]) -> None:
+        assert not self.decisions
+
+    def act(self, observation: Observation) -> Action:
+        self.decisions += 1
+        return Action(steer=0.0, throttle=1 / self.decisions, brake=0.0)
+
+
+def test_a_class_makes_a_policy_for_each_episode() -> None:
+    made: list[Counts] = []
+
+    def make() -> Counts:
+        made.append(Counts())
+        return made[-1]
+
+    for policy in (make, Counts):
+        service = FakeService(parallel=2)
+        with _client(service) as client:
+            client.evaluate(policy, "smoke@2", parallel=2)
+        assert service.results is not None
+        records = service.results["episodes"]
+        assert len(records) == 4
+        # Each episode has the actions of a policy that drove nothing else.
+        assert {record["actions_sha256"] for record in records} == {_counted(record["steps"]) for record in records}
+    assert len(made) == 4
+
+
+def _counted(steps: int) -> str:
+    recorder = EpisodeRecorder("one")
+    alone = Counts()
+    for _ in range(steps):
+        recorder.add(alone.act({}), 0.0)
+    return recorder.record().actions_sha256
+
+
+def test_where_one_breaks_the_others_episode_stays_for_later() -> None:
+    made = count()
+
+    class Breaks(Together):
+        def __init__(self) -> None:
+            super().__init__()
+            self.number = next(made)
+
+        def act(self, observation: Observation) -> Action:
+            if self.number:
+                raise RuntimeError("no idea")
+            return super().act(observation)
+
+    service = FakeService(parallel=2, steps=10**6)
+    with _client(service) as client, pytest.raises(RuntimeError, match="no idea"):
+        client.evaluate(Breaks, "smoke@2", parallel=2)
+    assert len(service.aborted) == 1
+    assert len(service.open) == 1
+
+
+def test_none_at_a_time_is_refused() -> None:
+    with _client(FakeService()) as client, pytest.raises(ValueError, match="parallel: is 0; drive 1"):
+        client.evaluate(Driver(), "smoke@2", parallel=0)

@@ -1,11 +1,9 @@
-"""The environments over the wire of a real service: what breaks, what is full, and who goes on."""
+"""The environments over the wire of a real service: what breaks, and who goes on."""
 
-import os
 import pickle
-import signal
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing
+from contextlib import closing
 from typing import Any
 
 import httpx
@@ -13,14 +11,7 @@ import numpy as np
 import pytest
 from client_forwarder import Forwarder
 
-from wrongturn_client import (
-    LocalService,
-    RemoteEnv,
-    RemoteVectorEnv,
-    ServiceFullError,
-    ServiceUnreachableError,
-    WrongturnError,
-)
+from wrongturn_client import LocalService, RemoteEnv, RemoteVectorEnv, WrongturnError
 
 GAS = np.float32([0.1, 0.8, 0.0])
 STEPS = 'wrongturn_request_seconds_count{method="POST",route="/v1/episodes/{episode}/step"'
@@ -81,42 +72,6 @@ def test_an_environment_can_be_sent_to_another_process(service: LocalService) ->
     with pickle.loads(pickle.dumps(RemoteEnv(service.url))) as env:
         env.reset(seed=1)
         env.step(GAS)
-
-
-@pytest.fixture
-def small(tmp_path: Any) -> Iterator[dict[str, Any]]:
-    """How to start a service with two simulators."""
-    return {
-        "database": f"sqlite+aiosqlite:///{tmp_path / 'wrongturn.db'}",
-        "environment": {"WRONGTURN_SIMULATORS": "2"},
-    }
-
-
-@pytest.mark.slow
-def test_more_environments_than_simulators_and_a_service_that_is_killed(small: dict[str, Any]) -> None:
-    with ExitStack() as stack:
-        first = stack.enter_context(LocalService(**small))
-        too_many = stack.enter_context(closing(RemoteVectorEnv(3, first.url)))
-        with pytest.raises(ServiceFullError, match=r"has 2 simulators; make 2 environments at most"):
-            too_many.reset(seed=1)
-        envs = stack.enter_context(closing(RemoteVectorEnv(2, first.url)))
-        envs.reset(seed=1)
-        envs.step(_gas(2))
-        os.kill(first.pid, signal.SIGKILL)
-        first.stop()
-        with RemoteEnv(first.url, patience=0.0) as env, pytest.raises(ServiceUnreachableError, match="wrongturn serve"):
-            env.reset()
-        stack.enter_context(LocalService(**small, port=int(first.url.rpartition(":")[2])))
-        _, rewards, _, truncated, infos = envs.step(_gas(2))
-        assert truncated.all()
-        assert not rewards.any()
-        assert all("lost" in why or "again" in why for why in infos["lost"])
-        _, _, _, truncated, infos = envs.step(_gas(2))
-        assert infos["_trial"].all()
-        _, _, _, truncated, _ = envs.step(_gas(2))
-        assert not truncated.any()
-        envs.close()
-        assert _figure(first.url, "wrongturn_open_episodes") == 0
 
 
 def test_stable_baselines_learns_over_the_wire(service: LocalService) -> None:

@@ -1,7 +1,9 @@
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import httpx
 import pytest
 
 # The helpers beside these tests, and those of the service's, are imported by their plain names.
@@ -31,3 +33,11 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
     yield running
     assert running.stop() == 0, running.stderr
     assert '"level": "error"' not in running.stderr, running.stderr
+
+
+@pytest.fixture(scope="session")
+def document(service: RunningService) -> dict[str, Any]:
+    """The OpenAPI document."""
+    found = httpx.get(f"{service.url}/openapi.json", timeout=60).json()
+    assert isinstance(found, dict)
+    return found

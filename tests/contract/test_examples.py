@@ -6,28 +6,13 @@ import httpx
 import jsonschema_rs
 import numpy as np
 import pytest
+from contract_document import operations
 from example_story import play
 from service_harness import RunningService
 
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import encode, observation_space
 from wrongturn_service.api import examples
-
-
-@pytest.fixture(scope="module")
-def document(service: RunningService) -> dict[str, Any]:
-    found = httpx.get(f"{service.url}/openapi.json", timeout=60).json()
-    assert isinstance(found, dict)
-    return found
-
-
-def operations(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    return {
-        f"{method.upper()} {path}": operation
-        for path, methods in document["paths"].items()
-        for method, operation in methods.items()
-    }
-
 
 PASSING = {"position", "track", "agent", "evaluation", "finished", "episodes", "reason"}
 """Fields of a submission that come and go with its state, while the examples are played."""

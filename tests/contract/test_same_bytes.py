@@ -1,45 +1,66 @@
-"""The same trial and actions give the same bytes: in process, in another process, over the wire.
+"""The same trial and actions give the same bytes: in process, in another process, and over HTTP in both encodings.
 
-Over HTTP in both encodings, and by the vectorised environment, whose steps go over the socket.
+``tests/environments`` compares the environments over the wire, whose steps go over the socket, with those in process.
 """
 
 import hashlib
 import math
 import subprocess
 import sys
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgpack
 import numpy as np
 import pytest
 from service_harness import RunningService, expect
 
-from wrongturn_client import RemoteVectorEnv
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Action, Outcome, Track, Trial
 from wrongturn_protocol.observations import Observation, decode
 from wrongturn_sim import Episode
 
-SUITE = "wrong-command@2"
-TRIALS = load_suite(SUITE).episodes[3::11][:10]
-assert len(TRIALS) == 10
-PICTURED = TRIALS[2:5]
+SUITE, JOURNEYS = "wrong-command@2", "navigation@1"
+TRIALS = load_suite(SUITE).episodes[3::19][:6]
+assert len(TRIALS) == 6
+PICTURED = TRIALS[2:4]
 """Driven with a camera too."""
+STRAIGHT_ON = next(trial for trial in load_suite(JOURNEYS).trials if trial.id.startswith("Town02.straight"))
+AMONG_OTHERS = next(trial for trial in load_suite(JOURNEYS).trials if trial.id.startswith("Town02.navigation_dynamic"))
+
+
+class Drive(NamedTuple):
+    """One of the drives to compare, and at most so many steps of it."""
+
+    suite: str
+    trial: Trial
+    track: Track
+    most: int = 5000
+
+
+DRIVES = [
+    *(Drive(SUITE, trial, Track.PRIVILEGED) for trial in TRIALS),
+    *(Drive(SUITE, trial, Track.SEGMENTATION) for trial in PICTURED),
+    Drive(JOURNEYS, STRAIGHT_ON, Track.PRIVILEGED),
+    Drive(JOURNEYS, AMONG_OTHERS, Track.PRIVILEGED, 150),
+    Drive(JOURNEYS, STRAIGHT_ON, Track.SEGMENTATION, 50),
+]
 
 
 def action_of(trial: Trial, step: int) -> Action:
-    """A swerving drive, another for each trial."""
+    """A swerving drive, another for each trial; on a journey slowly on, and off the lane before long."""
+    if trial.journey is not None:
+        return Action(steer=0.02 * math.sin(step / 9), throttle=0.3 if step % 50 < 25 else 0.0, brake=0.0)
     phase = step / 7 + trial.seed
     return Action(steer=0.35 * math.sin(phase), throttle=0.5 + 0.4 * math.cos(phase / 3), brake=0.0)
 
 
-def in_process(trial: Trial, track: Track = Track.PRIVILEGED) -> tuple[list[Observation], bytes, str]:
+def in_process(trial: Trial, track: Track = Track.PRIVILEGED, most: int = 5000) -> tuple[list[Observation], Episode]:
     episode = Episode(trial, track)
     seen = [_copy(episode.reset())]
-    while episode.outcome is None:
+    while episode.outcome is None and len(seen) <= most:
         action = action_of(trial, episode.steps)
         seen.append(_copy(episode.step(action.steer, action.throttle, action.brake).observation))
-    return seen, episode.trajectory.to_json(), episode.outcome.model_dump_json()
+    return seen, episode
 
 
 def _copy(observation: Observation) -> Observation:
@@ -47,9 +68,11 @@ def _copy(observation: Observation) -> Observation:
 
 
 def digest_of(trial: Trial, track: Track = Track.PRIVILEGED) -> str:
-    seen, trajectory, outcome = in_process(trial, track)
+    seen, episode = in_process(trial, track)
+    assert episode.outcome is not None
     parts = [observation[name].tobytes() for observation in seen for name in sorted(observation)]
-    return hashlib.sha256(b"".join([*parts, trajectory, outcome.encode()])).hexdigest()
+    told = [episode.trajectory.to_json(), episode.outcome.model_dump_json().encode()]
+    return hashlib.sha256(b"".join([*parts, *told])).hexdigest()
 
 
 @pytest.mark.parametrize(("trials", "track"), [("TRIALS", Track.PRIVILEGED), ("PICTURED", Track.SEGMENTATION)])
@@ -73,13 +96,11 @@ def test_in_two_processes(trials: str, track: Track) -> None:
     assert len(set(here)) == len(here)
 
 
-DRIVES = [*((trial, Track.PRIVILEGED) for trial in TRIALS), *((trial, Track.SEGMENTATION) for trial in PICTURED)]
-
-
-@pytest.mark.parametrize(("trial", "track"), DRIVES, ids=[f"{track}-{trial.id}" for trial, track in DRIVES])
-def test_in_process_and_over_http(service: RunningService, trial: Trial, track: Track) -> None:
-    observations, trajectory, outcome = in_process(trial, track)
-    media = ("application/json", "application/msgpack")[TRIALS.index(trial) % 2]
+@pytest.mark.parametrize("drive", DRIVES, ids=[f"{drive.track}-{drive.trial.id}" for drive in DRIVES])
+def test_in_process_and_over_http(service: RunningService, drive: Drive) -> None:
+    suite, trial, track, most = drive
+    observations, episode = in_process(trial, track, most)
+    media = ("application/json", "application/msgpack")[DRIVES.index(drive) % 2]
     with service.agent(track.value) as agent:
 
         def call(path: str, body: dict[str, Any], status: int) -> dict[str, Any]:
@@ -88,44 +109,24 @@ def test_in_process_and_over_http(service: RunningService, trial: Trial, track: 
             assert response.status_code == status, response.text
             return response.json() if media.endswith("json") else msgpack.unpackb(response.content)
 
-        reply = call("/v1/episodes", {"suite": SUITE, "trial": trial.id, "track": track.value}, 201)
-        episode = reply["id"]
+        reply = call("/v1/episodes", {"suite": suite, "trial": trial.id, "track": track.value}, 201)
+        name = reply["id"]
         for step, expected in enumerate(observations):
             if step:
                 action = action_of(trial, step - 1).model_dump()
-                reply = call(f"/v1/episodes/{episode}/step", {"seq": step, "action": action}, 200)
+                reply = call(f"/v1/episodes/{name}/step", {"seq": step, "action": action}, 200)
             got = decode(reply["observation"], track)
-            for name, array in expected.items():
-                assert np.array_equal(got[name], array), (step, name)
-        assert reply["terminated"] or reply["truncated"]
-        assert agent.trajectory(episode) == trajectory
-        shown = expect(agent.http.get(f"/v1/episodes/{episode}"), 200)
-        assert reply["verdict"] == shown["outcome"]["verdict"]
-        assert Outcome.model_validate_json(outcome) == Outcome.model_validate(shown["outcome"], strict=False)
-
-
-@pytest.mark.parametrize(("trials", "track"), [(TRIALS[:2], Track.PRIVILEGED), (PICTURED[:2], Track.SEGMENTATION)])
-def test_in_process_and_in_the_vectorised_environment(
-    service: RunningService, trials: list[Trial], track: Track
-) -> None:
-    alone = [in_process(trial, track) for trial in trials]
-    with service.agent(track.value) as agent:
-        envs = RemoteVectorEnv(2, service.url, agent.token, track=track, suite=SUITE, autoreset_mode="SameStep")
-        batch, _ = envs.reset(options={"trial": [trial.id for trial in trials]})
-        left = {0, 1}
-        for step in range(1, 1 + max(len(observations) for observations, _, _ in alone)):
-            for i in left:
-                for name, array in alone[i][0][step - 1].items():
-                    assert batch[name][i].tobytes() == array.tobytes(), (trials[i].id, step - 1, name)
-            actions = [list(action_of(trial, step - 1).model_dump().values()) for trial in trials]
-            batch, _, terminated, truncated, infos = envs.step(np.array(actions))
-            for i in sorted(left & set(np.flatnonzero(terminated | truncated).tolist())):
-                left.remove(i)
-                assert step == len(alone[i][0]) - 1
-                for name, array in alone[i][0][step].items():
-                    assert infos["final_obs"][i][name].tobytes() == array.tobytes(), (trials[i].id, step, name)
-                assert infos["final_info"]["verdict"][i] == Outcome.model_validate_json(alone[i][2]).verdict
-            if not left:
-                break
-        assert not left
-        envs.close()
+            for field, array in expected.items():
+                assert np.array_equal(got[field], array), (step, field)
+        if episode.outcome is None:
+            assert not reply["terminated"]
+            episode.abort()
+            assert agent.http.delete(f"/v1/episodes/{name}").status_code == 204
+        else:
+            assert reply["verdict"] == episode.outcome.verdict
+        assert agent.trajectory(name) == episode.trajectory.to_json()
+        shown = expect(agent.http.get(f"/v1/episodes/{name}"), 200)
+        assert episode.outcome is not None
+        told = Outcome.model_validate_json(episode.outcome.model_dump_json())
+        assert Outcome.model_validate(shown["outcome"], strict=False) == told
+        assert (told.journey is None) == (trial.journey is None)

@@ -40,14 +40,14 @@ class Watched(DriveConnection):
 
     journal: Journal
 
-    def retry_busy(self, calls: Sequence[EpisodeCall], results: list[Result]) -> None:
-        super().retry_busy(calls, results)
-        # Every message comes through here once its results are final.
+    def exchange(self, calls: Sequence[EpisodeCall]) -> list[Result]:
+        results = super().exchange(calls)
         for call, result in zip(calls, results, strict=True):
             if isinstance(result, ApiError):
                 self.journal.note("refused", problem=result.type)
             elif call[0] == Call.STEP and (result["terminated"] or result["truncated"]):
                 self.journal.note("final", episode=call[1], seq=result["seq"])
+        return results
 
 
 class WatchedDrive(Watched, DriveSocket):
