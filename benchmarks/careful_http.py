@@ -94,11 +94,11 @@ def over_http(url: str, suite: str) -> dict[str, Any]:
     }
 
 
-def in_process(suite: str, secret: str | None) -> dict[str, float]:
+def in_process(suite: str, secret: str | None, most: int | None) -> dict[str, float]:
     acting, stepping, resetting = Stopwatch(), Stopwatch(), Stopwatch()
     agent = Careful()
     begin = time.perf_counter()
-    for trial in load_suite(suite).draw(secret or suite).episodes:
+    for trial in load_suite(suite).draw(secret or suite).episodes[:most]:
         agent.reset(observation_space(Track.PRIVILEGED))
         episode = Episode(trial, Track.PRIVILEGED)
         observation = resetting.on(episode.reset)()
@@ -142,7 +142,7 @@ def main() -> None:
             database = f"sqlite+aiosqlite:///{folder}/wrongturn.db"
             url = stack.enter_context(LocalService(database=database)).url
         http = over_http(url, suite)
-    inside = in_process(suite, http["secret"])
+    inside = in_process(suite, http["secret"], 1 if options.short else None)
     show(http, inside)
     finish({"over_http": http, "in_process": inside}, options)
 

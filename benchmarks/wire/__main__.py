@@ -1,6 +1,6 @@
 """Steps a second over the wire: our WebSocket beside bare sockets, HTTP, batches, and other environments' ways.
 
-    python benchmarks/wire [--json FILE] [--rounds 5] [--seconds 0.5] [--work 145] [--clients 1 4 16]
+    python benchmarks/wire [--json FILE] [--rounds 5] [--seconds 0.5] [--work 145] [--clients 1 4 16] [--batch 16]
         [--openenv PYTHON] [--others SITE-PACKAGES] [--real]
 
 Simulators are emulated: a process that works for so many microseconds and shows an observation of the track
@@ -90,23 +90,28 @@ def shown(title: str, rates: Rates, below: str) -> dict[str, Any]:
 def batches(given: argparse.Namespace, client: Any) -> dict[str, Any]:
     from ways import Batch, InProcess, Workers  # noqa: PLC0415
 
+    count = given.batch
     ways = {
-        "in process, one after the other": (InProcess(16), 16),
-        "16 simulator processes, nothing between": (Workers(16), 16),
-        "over the wire": (Batch(client, 16), 16),
+        "in process, one after the other": (InProcess(count), count),
+        f"{count} simulator processes, nothing between": (Workers(count), count),
+        "over the wire": (Batch(client, count), count),
     }
     rates = by_turns(ways, given.rounds, 2 * given.seconds)
-    return shown("batches of 16", rates, "in process, one after the other")
+    return shown(f"batches of {count}", rates, "in process, one after the other")
 
 
 def simulators(given: argparse.Namespace, client: Any) -> dict[str, Any]:
     from ways import Batch  # noqa: PLC0415
 
-    cores = os.cpu_count() or 1
-    counts = sorted({*(2**power for power in range(10) if 2**power <= cores), cores, 2 * cores})
-    ways = {f"{count} simulators": (Batch(client, count), count) for count in counts}
+    ways = {f"{count} simulators": (Batch(client, count), count) for count in counts_of(given)}
     rates = by_turns(ways, given.rounds, given.seconds)
-    return shown(f"one client, a message for all its simulators, {cores} cores", rates, "1 simulators")
+    return shown(f"one client, a message for all its simulators, {os.cpu_count()} cores", rates, "1 simulators")
+
+
+def counts_of(given: argparse.Namespace) -> list[int]:
+    cores = os.cpu_count() or 1
+    powers = (2**power for power in range(10) if 2**power <= cores)
+    return [1] if given.short else sorted({*powers, cores, 2 * cores})
 
 
 def main() -> None:
@@ -114,13 +119,14 @@ def main() -> None:
     options.add_argument("--rounds", type=int, default=5)
     options.add_argument("--seconds", type=float, default=0.5, help="of each way in each round")
     options.add_argument("--clients", type=int, nargs="+", default=[1, 4, 16])
+    options.add_argument("--batch", type=int, default=16, help="episodes in a message")
     options.add_argument("--work", type=float, default=145.0, help="microseconds of an emulated step")
     options.add_argument("--openenv", type=Path, help="python with openenv-core")
     options.add_argument("--others", type=Path, help="folder with highway-env and MetaDrive")
     options.add_argument("--real", action="store_true", help="real simulations too")
     given = options.parse_args()
     if given.short:
-        given.rounds, given.seconds, given.clients = 1, 0.1, [1]
+        given.rounds, given.seconds, given.clients, given.batch = 1, 0.1, [1], 2
     os.environ[emulation.WORK] = str(given.work * 1e-6)
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -140,7 +146,7 @@ def main() -> None:
         os.environ.setdefault("WRONGTURN_HOME", folder)
         port, _ = stack.enter_context(servers.started(servers.bare))
         hop, _ = stack.enter_context(servers.started(servers.hop))
-        slots = max(given.clients) + 16 + 6 * (os.cpu_count() or 1)
+        slots = max(given.clients) + given.batch + sum(counts_of(given))
         listening, pipe = stack.enter_context(servers.started(servers.service, folder, True, slots))
         url = f"http://127.0.0.1:{listening}"
         with Client(url) as anybody:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from wrongturn_client import LocalService
+
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 soak = pytest.mark.soak
 """Takes a minute or more."""
@@ -28,9 +30,12 @@ SHORT = [
 @pytest.mark.parametrize(
     ("name", "figures"), [pytest.param(name, figures, marks=marks, id=name) for name, figures, marks in SHORT]
 )
-def test_the_short_form_runs(tmp_path: Path, name: str, figures: set[str]) -> None:
+def test_the_short_form_runs(tmp_path: Path, request: pytest.FixtureRequest, name: str, figures: set[str]) -> None:
     file = tmp_path / "figures.json"
     command = [sys.executable, str(BENCHMARKS / name), "--short", "--json", str(file)]
+    if name == "careful_http.py":
+        service: LocalService = request.getfixturevalue("service")
+        command += ["--url", service.url]
     done = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
     assert done.returncode == 0, done.stderr
     found = json.loads(file.read_text("utf-8"))
