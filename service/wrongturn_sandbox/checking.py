@@ -8,7 +8,7 @@ from onnx import AttributeProto, GraphProto, ModelProto, NodeProto, TensorProto,
 
 from wrongturn_sandbox import rules
 from wrongturn_sandbox.errors import ModelRefusedError
-from wrongturn_sandbox.operators import CONTROL_FLOW, DOMAINS, OPERATORS, RANDOM
+from wrongturn_sandbox.rules import CONTROL_FLOW, DOMAINS, OPERATORS, RANDOM
 
 _OTHER_FILES: Final = (
     (b"PK", "a zip archive, as Stable-Baselines3 and PyTorch write them; export the model to ONNX first"),
@@ -44,16 +44,19 @@ def check(content: bytes | bytearray) -> ModelProto:
     """
     model = _parse(content)
     _check_versions(model)
-    if len(model.functions):
-        raise ModelRefusedError(
-            "the model holds functions of its own; write them into the graph by onnx.inliner.inline_local_functions"
-        )
-    if len(model.training_info):
-        raise ModelRefusedError("the model holds training information; export it for inference")
-    _check_metadata(model)
-    parameters = _check_graph(model.graph)
-    if parameters > rules.PARAMETERS_MOST:
-        raise ModelRefusedError(f"the model has {parameters} parameters; at most {rules.PARAMETERS_MOST} are allowed")
+    _require(
+        not len(model.functions),
+        "the model holds functions of its own; write them into the graph by onnx.inliner.inline_local_functions",
+    )
+    _require(not len(model.training_info), "the model holds training information; export it for inference")
+    entries = model.metadata_props
+    length = len(model.doc_string) + sum(len(entry.key) + len(entry.value) for entry in entries)
+    _require(
+        len(entries) <= rules.METADATA_MOST and length <= rules.METADATA_LENGTH_MOST,
+        f"the metadata is too long; at most {rules.METADATA_MOST} entries and {rules.METADATA_LENGTH_MOST} characters "
+        "are allowed",
+    )
+    _require_most(_check_graph(model.graph), rules.PARAMETERS_MOST, "the model", "parameters")
     return model
 
 
@@ -68,16 +71,13 @@ def default_opset(model: ModelProto) -> int:
 
 
 def _parse(content: bytes | bytearray) -> ModelProto:
-    if not content:
-        raise ModelRefusedError("the file is empty; hand in an .onnx file")
+    _require(len(content), "the file is empty; hand in an .onnx file")
     for magic, words in _OTHER_FILES:
-        if content.startswith(magic):
-            raise ModelRefusedError(f"the file is no ONNX model but {words}")
-    if content[4:8] == b"ORTM":
-        raise ModelRefusedError("the file is in onnxruntime's own format; hand in the .onnx file itself")
-    head = bytes(content[:256]).lstrip()
-    if head.startswith((b"<", b"{", b"%PDF", b"#")) or not any(byte < 9 or byte > 126 for byte in content[:4096]):
-        raise ModelRefusedError("the file is no ONNX model but text; hand in an .onnx file")
+        _require(not content.startswith(magic), f"the file is no ONNX model but {words}")
+    _require(content[4:8] != b"ORTM", "the file is in onnxruntime's own format; hand in the .onnx file itself")
+    text = bytes(content[:256]).lstrip().startswith((b"<", b"{", b"%PDF", b"#"))
+    text = text or not any(byte < 9 or byte > 126 for byte in content[:4096])
+    _require(not text, "the file is no ONNX model but text; hand in an .onnx file")
     model = ModelProto()
     try:
         model.ParseFromString(bytes(content))
@@ -91,35 +91,23 @@ def _parse(content: bytes | bytearray) -> ModelProto:
             raise ModelRefusedError("the graph is nested too deeply; control flow is not allowed") from None
         raise ModelRefusedError("the file is no ONNX model, or was cut off; check it by onnx.checker") from None
     model.DiscardUnknownFields()
-    if not model.HasField("graph") or not (len(model.graph.node) or len(model.graph.output)):
-        raise ModelRefusedError("the file holds no graph; hand in an .onnx file")
+    graph = model.HasField("graph") and (len(model.graph.node) or len(model.graph.output))
+    _require(graph, "the file holds no graph; hand in an .onnx file")
     return model
 
 
 def _check_versions(model: ModelProto) -> None:
-    if model.ir_version not in rules.IR_VERSIONS:
-        raise ModelRefusedError(
-            f"IR version {model.ir_version} is not read here; use {rules.IR_VERSIONS[0]} to {rules.IR_VERSIONS[-1]}"
-        )
-    if len(model.opset_import) > 64:
-        raise ModelRefusedError("the model names more than 64 sets of operators")
+    _require(
+        model.ir_version in rules.IR_VERSIONS,
+        f"IR version {model.ir_version} is not read here; use {rules.IR_VERSIONS[0]} to {rules.IR_VERSIONS[-1]}",
+    )
+    _require(len(model.opset_import) <= 64, "the model names more than 64 sets of operators")
     versions = [entry.version for entry in model.opset_import if entry.domain in DOMAINS]
-    if len(versions) != 1:
-        raise ModelRefusedError("the model must name exactly one version of ONNX's default operators (opset)")
-    if versions[0] not in rules.OPSETS:
-        raise ModelRefusedError(
-            f"opset {versions[0]} is not read here; export with opset {rules.OPSETS[0]} to {rules.OPSETS[-1]}"
-        )
-
-
-def _check_metadata(model: ModelProto) -> None:
-    entries = model.metadata_props
-    length = len(model.doc_string) + sum(len(entry.key) + len(entry.value) for entry in entries)
-    if len(entries) > rules.METADATA_MOST or length > rules.METADATA_LENGTH_MOST:
-        raise ModelRefusedError(
-            f"the metadata is too long; at most {rules.METADATA_MOST} entries and {rules.METADATA_LENGTH_MOST} "
-            "characters are allowed"
-        )
+    _require(len(versions) == 1, "the model must name exactly one version of ONNX's default operators (opset)")
+    _require(
+        versions[0] in rules.OPSETS,
+        f"opset {versions[0]} is not read here; export with opset {rules.OPSETS[0]} to {rules.OPSETS[-1]}",
+    )
 
 
 def _check_graph(graph: GraphProto) -> int:
@@ -131,27 +119,24 @@ def _check_graph(graph: GraphProto) -> int:
         (len(graph.input), rules.TENSORS_MOST + len(graph.initializer), "inputs"),
         (len(graph.output), rules.TENSORS_MOST, "outputs"),
     ):
-        if found > most:
-            raise ModelRefusedError(f"the graph has {found} {what}; at most {most} are allowed")
-    if len(graph.sparse_initializer):
-        raise ModelRefusedError("the graph holds sparse initialisers; store them as ordinary ones")
+        _require_most(found, most, "the graph", what)
+    _require(not len(graph.sparse_initializer), "the graph holds sparse initialisers; store them as ordinary ones")
     parameters = sum(_check_tensor(tensor, "initialiser") for tensor in graph.initializer)
     constants = {tensor.name for tensor in graph.initializer}
     _check_values(graph, constants)
-    tensors = 0
-    for node in graph.node:
-        found, held = _check_node(node)
-        tensors += found
-        parameters += held
-    if tensors > rules.CONSTANTS_MOST:
-        raise ModelRefusedError(f"the graph has {tensors} tensors in attributes; at most {rules.CONSTANTS_MOST}")
+    held = [_check_node(node) for node in graph.node]
+    _require_most(sum(tensors for tensors, _ in held), rules.CONSTANTS_MOST, "the graph", "tensors in attributes")
     _check_order(graph, constants)
-    return parameters
+    return parameters + sum(numbers for _, numbers in held)
 
 
 def _check_values(graph: GraphProto, constants: set[str]) -> None:
-    if len(constants) != len(graph.initializer):
-        raise ModelRefusedError("two initialisers have the same name; give each a name of its own")
+    for names, what in (
+        ([tensor.name for tensor in graph.initializer], "initialisers"),
+        ([put.name for put in graph.input], "inputs"),
+        ([put.name for put in graph.output], "outputs"),
+    ):
+        _require(len(set(names)) == len(names), f"two {what} have the same name; give each a name of its own")
     _check_names(constants)
     values: Iterable[tuple[ValueInfoProto, int, str]] = (
         *((value, rules.INPUT_MOST, "input") for value in graph.input if value.name not in constants),
@@ -165,89 +150,81 @@ def _check_values(graph: GraphProto, constants: set[str]) -> None:
         kind = value.type.WhichOneof("value")
         if kind is None and what == "value":
             continue  # onnxruntime finds out its type
-        if kind != "tensor_type":
-            raise ModelRefusedError(f"{where}: it is no tensor; sequences, maps and optional values are not allowed")
+        _require(
+            kind == "tensor_type", f"{where}: it is no tensor; sequences, maps and optional values are not allowed"
+        )
         tensor = value.type.tensor_type
         _check_type(tensor.elem_type, where)
         _check_dimensions([dimension.dim_value for dimension in tensor.shape.dim], most, where, free=True)
-    for puts, what in ((graph.input, "inputs"), (graph.output, "outputs")):
-        names = [put.name for put in puts]
-        if len(set(names)) != len(names):
-            raise ModelRefusedError(f"two {what} have the same name; give each a name of its own")
 
 
 def _check_node(node: NodeProto) -> tuple[int, int]:
     """Check a node. Return how many tensors its attributes hold, and how many parameters."""
     where = f"node {_shown(node.name)} ({_shown(node.op_type)})"
     operator = node.op_type
-    if node.domain not in DOMAINS:
-        raise ModelRefusedError(
-            f"{where}: its domain {_shown(node.domain)} is not allowed; use ONNX's own operators alone"
-        )
+    domain = _shown(node.domain)
+    _require(node.domain in DOMAINS, f"{where}: its domain {domain} is not allowed; use ONNX's own operators alone")
     if operator not in OPERATORS:
         why = "this operator is"
         if operator in CONTROL_FLOW or operator in RANDOM:
             why = "control flow is" if operator in CONTROL_FLOW else "random numbers are"
         raise ModelRefusedError(f"{where}: {why} not allowed; docs/models.md lists the operators that are")
-    if len(node.input) > rules.PORTS_MOST or len(node.output) > rules.PORTS_MOST:
-        raise ModelRefusedError(f"{where}: more than {rules.PORTS_MOST} inputs or outputs")
-    if len(node.attribute) > rules.ATTRIBUTES_MOST:
-        raise ModelRefusedError(f"{where}: {len(node.attribute)} attributes; at most {rules.ATTRIBUTES_MOST}")
+    ports = max(len(node.input), len(node.output))
+    _require(ports <= rules.PORTS_MOST, f"{where}: more than {rules.PORTS_MOST} inputs or outputs")
+    _require_most(len(node.attribute), rules.ATTRIBUTES_MOST, where, "attributes")
     _check_names([node.name, *node.input, *node.output])
-    if operator == "Dropout" and len(node.input) > 2 and node.input[2]:
-        raise ModelRefusedError(f"{where}: it can be switched to training; export the model for inference")
+    trains = operator == "Dropout" and len(node.input) > 2 and node.input[2]
+    _require(not trains, f"{where}: it can be switched to training; export the model for inference")
     held = [_check_attribute(attribute, where) for attribute in node.attribute]
     return sum(tensors for tensors, _ in held), sum(parameters for _, parameters in held)
 
 
 def _check_attribute(attribute: AttributeProto, where: str) -> tuple[int, int]:
-    name = _shown(attribute.name)
-    if attribute.type in _GRAPHS or attribute.HasField("g") or len(attribute.graphs):
-        raise ModelRefusedError(f"{where}: attribute {name} holds a graph; control flow is not allowed")
-    if attribute.ref_attr_name or attribute.type not in _NUMBERS:
-        raise ModelRefusedError(f"{where}: attribute {name} has a type that is not allowed")
-    if attribute.HasField("sparse_tensor") or len(attribute.sparse_tensors) or attribute.HasField("tp"):
-        raise ModelRefusedError(f"{where}: attribute {name} has a type that is not allowed")
-    if attribute.name in {"value_string", "value_strings"}:
-        raise ModelRefusedError(f"{where}: string tensors are not allowed")
-    if attribute.name == "to" and attribute.i == TensorProto.STRING:
-        raise ModelRefusedError(f"{where}: string tensors are not allowed")
+    """Check an attribute. Return how many tensors it holds, and how many parameters."""
+    here = f"{where}: attribute {_shown(attribute.name)}"
+    graph = attribute.type in _GRAPHS or attribute.HasField("g") or len(attribute.graphs)
+    _require(not graph, f"{here} holds a graph; control flow is not allowed")
+    plain = not attribute.ref_attr_name and attribute.type in _NUMBERS
+    sparse = attribute.HasField("sparse_tensor") or len(attribute.sparse_tensors)
+    _require(plain and not sparse and not attribute.HasField("tp"), f"{here} has a type that is not allowed")
+    text = attribute.name in {"value_string", "value_strings"}
+    text = text or (attribute.name == "to" and attribute.i == TensorProto.STRING)
+    _require(not text, f"{where}: string tensors are not allowed")
     length = max(
         len(attribute.ints), len(attribute.floats), len(attribute.s), sum(len(words) + 1 for words in attribute.strings)
     )
-    if length > rules.ATTRIBUTE_LENGTH_MOST:
-        raise ModelRefusedError(f"{where}: attribute {name} is too long; at most {rules.ATTRIBUTE_LENGTH_MOST} numbers")
+    most = rules.ATTRIBUTE_LENGTH_MOST
+    _require(length <= most, f"{here} is too long; at most {most} numbers")
     tensors = [*([attribute.t] if attribute.HasField("t") else ()), *attribute.tensors]
-    return len(tensors), sum(_check_tensor(tensor, f"{where}: attribute {name}") for tensor in tensors)
+    return len(tensors), sum(_check_tensor(tensor, here) for tensor in tensors)
 
 
 def _check_tensor(tensor: TensorProto, where: str) -> int:
     """Check that a tensor lies in the file, as a type that is allowed, in full. Return how many elements it has."""
     where = f"{where} {tensor.name[:64]!r}" if tensor.name else where
-    if tensor.data_location != TensorProto.DEFAULT or len(tensor.external_data):
-        raise ModelRefusedError(
-            f"{where}: its data lie in another file; store them in the model itself "
-            "(onnx.save with save_as_external_data=False)"
-        )
-    if tensor.HasField("segment"):
-        raise ModelRefusedError(f"{where}: it is stored in segments, which is not allowed")
+    _require(
+        tensor.data_location == TensorProto.DEFAULT and not len(tensor.external_data),
+        f"{where}: its data lie in another file; store them in the model itself "
+        "(onnx.save with save_as_external_data=False)",
+    )
+    _require(not tensor.HasField("segment"), f"{where}: it is stored in segments, which is not allowed")
     _check_type(tensor.data_type, where)
     elements = _check_dimensions(tensor.dims, rules.PARAMETERS_MOST, where)
+    _require(not len(tensor.string_data), "string tensors are not allowed")
+    numbers = (tensor.float_data, tensor.int32_data, tensor.int64_data, tensor.double_data, tensor.uint64_data)
+    typed = sum(map(len, numbers))
     if tensor.HasField("raw_data"):
-        held, item = len(tensor.raw_data), _ITEM_BYTES[tensor.data_type]
-        fits = held == elements * item and not _typed(tensor)
+        fits = len(tensor.raw_data) == elements * _ITEM_BYTES[tensor.data_type] and not typed
     else:
-        fits = _typed(tensor) == elements
+        fits = typed == elements
     if not fits:
         raise ModelRefusedError(f"{where}: its data do not have the length that its shape {list(tensor.dims)} asks for")
     return elements
 
 
 def _check_type(code: int, where: str) -> None:
-    if code == TensorProto.STRING:
-        raise ModelRefusedError(f"{where}: string tensors are not allowed")
-    if code not in _ITEM_BYTES:
-        raise ModelRefusedError(f"{where}: elements of type {code} are not allowed; use ordinary numbers")
+    _require(code != TensorProto.STRING, f"{where}: string tensors are not allowed")
+    _require(code in _ITEM_BYTES, f"{where}: elements of type {code} are not allowed; use ordinary numbers")
 
 
 def _check_dimensions(lengths: Sequence[int], most: int, where: str, *, free: bool = False) -> int:
@@ -255,48 +232,30 @@ def _check_dimensions(lengths: Sequence[int], most: int, where: str, *, free: bo
 
     With ``free``, a length of 0 means any, and counts as 1.
     """
-    if len(lengths) > rules.AXES_MOST:
-        raise ModelRefusedError(f"{where}: {len(lengths)} axes; at most {rules.AXES_MOST} are allowed")
-    if any(length < 0 for length in lengths):
-        raise ModelRefusedError(f"{where}: a negative length in its shape")
+    _require_most(len(lengths), rules.AXES_MOST, where, "axes")
+    _require(all(length >= 0 for length in lengths), f"{where}: a negative length in its shape")
     elements = math.prod(length or 1 for length in lengths) if free else math.prod(lengths)
-    largest = max(lengths, default=0)
-    if elements > most or largest > most:
+    if max(elements, *lengths, 0) > most:
         raise ModelRefusedError(f"{where}: a shape of {elements} elements; at most {most} are allowed")
     return elements
-
-
-def _typed(tensor: TensorProto) -> int:
-    """Return how many elements lie in the fields for one type each."""
-    if len(tensor.string_data):
-        raise ModelRefusedError("string tensors are not allowed")
-    return (
-        len(tensor.float_data)
-        + len(tensor.int32_data)
-        + len(tensor.int64_data)
-        + len(tensor.double_data)
-        + len(tensor.uint64_data)
-    )
 
 
 def _check_order(graph: GraphProto, constants: set[str]) -> None:
     """Check that each node's inputs come before it, so that the graph has no cycle, and no name is made twice."""
     known = constants | {value.name for value in graph.input}
-    made: set[str] = set()
     for node in graph.node:
         for name in node.input:
-            if name and name not in known and name not in made:
+            if name and name not in known:
                 raise ModelRefusedError(
                     f"node {_shown(node.name)} ({node.op_type}): its input {_shown(name)} is made by no node "
                     "before it; the graph has a cycle, a gap or a wrong order"
                 )
         for name in node.output:
-            if name and (name in known or name in made):
+            if name and name in known:
                 raise ModelRefusedError(f"two nodes make a value called {_shown(name)}; give each a name of its own")
-            made.add(name)
+            known.add(name)
     for value in graph.output:
-        if value.name not in known and value.name not in made:
-            raise ModelRefusedError(f"output {_shown(value.name)}: no node makes it")
+        _require(value.name in known, f"output {_shown(value.name)}: no node makes it")
 
 
 def _check_names(names: Iterable[str]) -> None:
@@ -305,6 +264,16 @@ def _check_names(names: Iterable[str]) -> None:
             raise ModelRefusedError(
                 f"the name {_shown(name)} is too long or not printable; use at most {rules.NAME_MOST} characters"
             )
+
+
+def _require(keeps: object, reason: str) -> None:
+    if not keeps:
+        raise ModelRefusedError(reason)
+
+
+def _require_most(found: int, most: int, where: str, what: str) -> None:
+    if found > most:
+        raise ModelRefusedError(f"{where} has {found} {what}; at most {most} are allowed")
 
 
 def _shown(name: Any) -> str:

@@ -3,13 +3,16 @@
 import os
 import socket
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from wrongturn_sandbox.confinement import confine, end_with_parent, limit_memory, limit_processor_time
 from wrongturn_sandbox.errors import ModelRefusedError
 from wrongturn_sandbox.frames import CALL_MOST, MODEL_MOST, VERSION, packed, receive, send, unpacked
 from wrongturn_sandbox.messages import Limits, pack_arrays, pack_description, read_arrays
 from wrongturn_sandbox.reasons import out_of_memory, printable
+
+if TYPE_CHECKING:
+    from wrongturn_sandbox.session import Session
 
 
 def serve(descriptor: int) -> None:
@@ -40,19 +43,17 @@ def begin(connection: socket.socket, said: dict[str, Any]) -> None:
         send(connection, packed({"unavailable": printable(f"{type(error).__name__}: {error}")}))
         return
     send(connection, packed({"ready": VERSION, "runtime": session.RUNTIME}))
-    _Guest(connection, limits).answer_calls()
+    _Guest(connection, limits, session.Session).answer_calls()
 
 
 class _Guest:
     """Answers the host's calls. It trusts the host."""
 
-    def __init__(self, connection: socket.socket, limits: Limits) -> None:
-        from wrongturn_sandbox import session  # noqa: PLC0415 - loaded by now
-
+    def __init__(self, connection: socket.socket, limits: Limits, open_session: type["Session"]) -> None:
         self._connection = connection
         self._limits = limits
-        self._open_session = session.Session
-        self._session: session.Session
+        self._open_session = open_session
+        self._session: Session
 
     def answer_calls(self) -> None:
         """Answer calls until the host closes the connection."""
@@ -68,11 +69,7 @@ class _Guest:
             send(self._connection, packed(reply))
 
     def _load(self, content: bytearray) -> dict[str, Any]:
-        from wrongturn_sandbox.checking import check  # noqa: PLC0415 - loaded by now
-
-        model = check(content)
-        content.clear()  # the memory is the model's
-        self._session = self._open_session(model, self._limits)
+        self._session = self._open_session(content, self._limits)
         return {"description": pack_description(self._session.description)}
 
     def _run(self, inputs: Any) -> dict[str, Any]:

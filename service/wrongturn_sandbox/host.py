@@ -3,9 +3,9 @@
 import contextlib
 import socket
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final, NoReturn, Self
+from typing import Any, Final, NoReturn, Self, TypeVar
 
 from numpy.typing import NDArray
 
@@ -26,6 +26,8 @@ from wrongturn_sandbox.frames import (
 )
 from wrongturn_sandbox.messages import Description, Limits, pack_arrays, read_arrays, read_description, read_reply
 
+_T = TypeVar("_T")
+_Bytes = bytes | bytearray | memoryview
 START_S: Final = 60.0
 """Seconds that a sandbox may take to start. It takes half a second on a quiet machine."""
 
@@ -88,14 +90,9 @@ class Sandbox:
         """
         if len(model) > MODEL_MOST:
             raise self._refused(f"the file has {len(model)} bytes; at most {MODEL_MOST} are allowed")
-        deadline = time.monotonic() + self._limits.load_s
-        said = self._call(
-            (packed({"load": len(model)}), model), "description", deadline, reasons.too_slow_to_load(self._limits)
-        )
-        try:
-            return read_description(said)
-        except FrameError as error:
-            raise self._refused(_nonsense(error)) from None
+        frames = (packed({"load": len(model)}), model)
+        late = reasons.too_slow_to_load(self._limits)
+        return self._call(frames, "description", read_description, self._limits.load_s, late)
 
     def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         """Return the model's outputs for one step's inputs, by name. Each array has the batch axis.
@@ -105,13 +102,8 @@ class Sandbox:
             SandboxLostError: The sandbox was ended from outside.
             ValueError: An input's type does not go into a sandbox.
         """
-        deadline = time.monotonic() + self._limits.step_s
         call = packed({"run": pack_arrays(inputs)})
-        said = self._call((call,), "outputs", deadline, reasons.too_slow_a_step(self._limits))
-        try:
-            return read_arrays(said)
-        except FrameError as error:
-            raise self._refused(_nonsense(error)) from None
+        return self._call((call,), "outputs", read_arrays, self._limits.step_s, reasons.too_slow_a_step(self._limits))
 
     def close(self) -> None:
         """End the sandbox. Safe to call more than once."""
@@ -126,58 +118,51 @@ class Sandbox:
     def begin(self) -> None:
         """Tell the guest its limits, and wait until it is ready. Raises SandboxUnavailableError."""
         limits = self._limits
-        deadline = time.monotonic() + START_S
         begin = {"begin": VERSION, "memory": limits.memory, "load_s": limits.load_s, "step_s": limits.step_s}
-        with contextlib.suppress(OSError, DeadlineError):  # it may have said why it takes nothing
-            send(self._guest.connection, packed(begin), deadline)
-        kind: str = ""
-        said: Any = None
         try:
-            content = receive(self._guest.connection, REPLY_MOST, deadline)
-            if content is not None:
-                kind, said = read_reply(unpacked(content))
+            kind, said = self._exchange((packed(begin),), time.monotonic() + START_S)
         except DeadlineError:
-            self.close()
             raise SandboxUnavailableError(f"the sandbox did not start within {START_S:g} s") from None
-        except (OSError, FrameError):
-            kind = "nonsense"
+        except FrameError:
+            kind, said = "nonsense", None
         if kind == "busy":
-            self.close()
             raise SandboxBusyError(reasons.printable(said))
         if kind == "unavailable":
-            self.close()
             raise SandboxUnavailableError(f"the sandbox does not start: {reasons.printable(said)}")
         if kind != "ready" or said.get("ready") != VERSION:
-            why = self._guest.why_not()
-            self.close()
-            raise SandboxUnavailableError(why)
+            raise SandboxUnavailableError(self._guest.why_not())
         self.runtime = reasons.printable(said.get("runtime"))
 
-    def _call(self, frames: tuple[bytes | bytearray | memoryview, ...], wanted: str, deadline: float, late: str) -> Any:
-        connection = self._guest.connection
-        if connection.fileno() < 0:
+    def _call(
+        self, frames: tuple[_Bytes, ...], wanted: str, read: Callable[[object], _T], seconds: float, late: str
+    ) -> _T:
+        if self._guest.connection.fileno() < 0:
             raise SandboxLostError("the sandbox is closed; open another one")
         try:
-            try:
-                for frame in frames:
-                    send(connection, frame, deadline)
-            except OSError:
-                pass  # the guest has ended, and its listener may have said how
-            content = receive(connection, REPLY_MOST, deadline)
-            kind, said = ("ended", None) if content is None else read_reply(unpacked(content))
+            kind, said = self._exchange(frames, time.monotonic() + seconds)
+            if kind == wanted:
+                return read(said)
         except DeadlineError:
             raise self._refused(late) from None
-        except (OSError, CutOffError):
-            kind, said = "ended", None
         except FrameError as error:
             raise self._refused(_nonsense(error)) from None
-        if kind == wanted:
-            return said
         if kind == "refused":
             raise self._refused(reasons.printable(said))
         if kind == "ended":
             self._ended(said)
         raise self._refused(_nonsense(f"{kind} instead of {wanted}"))
+
+    def _exchange(self, frames: tuple[_Bytes, ...], deadline: float) -> tuple[str, Any]:
+        """Send frames and return the reply, "ended" if there is none. Raises DeadlineError, FrameError."""
+        connection = self._guest.connection
+        try:
+            with contextlib.suppress(OSError):  # the guest has ended, and its listener may have said how
+                for frame in frames:
+                    send(connection, frame, deadline)
+            content = receive(connection, REPLY_MOST, deadline)
+        except (OSError, CutOffError):
+            content = None
+        return ("ended", None) if content is None else read_reply(unpacked(content))
 
     def _ended(self, said: object) -> NoReturn:
         status = said if type(said) is int else self._guest.status()

@@ -6,10 +6,10 @@ from typing import Any, Final
 import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
-from onnx import ModelProto, TensorProto, helper
+from onnx import TensorProto, helper
 
 from wrongturn_sandbox import rules
-from wrongturn_sandbox.checking import count_parameters, default_opset
+from wrongturn_sandbox.checking import check, count_parameters, default_opset
 from wrongturn_sandbox.errors import ModelRefusedError
 from wrongturn_sandbox.messages import DTYPES, Description, Limits, TensorInfo
 from wrongturn_sandbox.reasons import out_of_memory, runtime_error
@@ -26,10 +26,15 @@ _NO_MEMORY: Final = ("bad_alloc", "bad allocation", "Failed to allocate memory",
 
 
 class Session:
-    """A model that onnxruntime has loaded. Raises ModelRefusedError if it cannot, or a port is no tensor of numbers."""
+    """A model's file, checked, that onnxruntime has loaded. It takes the file's bytes away.
 
-    def __init__(self, model: ModelProto, limits: Limits) -> None:
+    Raises ModelRefusedError if the file breaks a rule, or onnxruntime refuses it.
+    """
+
+    def __init__(self, file: bytearray, limits: Limits) -> None:
         self._limits = limits
+        model = check(file)
+        file.clear()  # the memory is the model's
         nodes, parameters = len(model.graph.node), count_parameters(model.graph)
         opset = default_opset(model)
         metadata = {entry.key: entry.value for entry in model.metadata_props}

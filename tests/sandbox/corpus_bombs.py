@@ -105,7 +105,7 @@ def _divide_by_nothing() -> bytes:
 BOMBS = (
     Case("memory-constant-of-shape", lambda: _fill(_LARGE), _MEMORY, By.STEP),
     Case("memory-constant-overflow", lambda: _fill(1 << 40, 1 << 40), "overflow", By.STEP),
-    Case("memory-constant-negative", lambda: _fill(-1, -(1 << 62)), "non-negative"),
+    Case("memory-constant-negative", lambda: _fill(-1, -(1 << 62)), "non-negative", By.LOAD),
     Case("memory-expand", lambda: _spread("Expand", 1 << 18, 1 << 18), _MEMORY, By.STEP),
     Case("memory-tile", lambda: _spread("Tile", 1 << 15, 3 << 13), _MEMORY, By.STEP),
     Case("memory-pad", lambda: _spread("Pad", 0, 0, 0, _LARGE), _MEMORY, By.STEP),
@@ -116,7 +116,7 @@ BOMBS = (
     Case("memory-at-a-step-constant", lambda: _at_a_step("ConstantOfShape", "shape"), _MEMORY, By.STEP),
     Case("memory-at-a-step-range", lambda: _at_a_step("Range", "start", "live", "one"), _MEMORY, By.STEP),
     Case("memory-at-a-step-one-hot", lambda: _at_a_step("OneHot", "shape", "live", "pair"), _MEMORY, By.STEP),
-    Case("time-at-loading", lambda: _matrices(400, 4000, live=False), _SLOW),
+    Case("time-at-loading", lambda: _matrices(400, 4000, live=False), _SLOW, By.LOAD),
     Case("time-at-a-step", lambda: _matrices(400, 4000, live=True), _SLOW, By.STEP),
     Case("outputs-large", _wide_outputs, "bytes; at most", By.STEP),
     Case("crash", _crash, "crashes", By.STEP),

@@ -95,7 +95,7 @@ GRAPHS = (
     Case("name-long", lambda: beside([node("Relu", ["speed"], ["x" * 100_000])], "x" * 100_000), "too long"),
     Case("name-unprintable", lambda: beside([node("Relu", ["speed"], ["a\x1b[2J"])], "a\x1b[2J"), "not printable"),
     Case("nodes-many", lambda: beside(_chain(20_000), "v20000"), "nodes; at most"),
-    Case("nodes-flood", _flood, "of memory"),
+    Case("nodes-flood", _flood, "of memory", By.LOAD),
     Case("constants-many", lambda: model(TAIL, [number(f"c{i}", i) for i in range(25_000)]), "initialisers; at most"),
     Case("shape-overflow", lambda: _declared([1 << 32, 1 << 32]), "elements; at most"),
     Case("shape-overflow-to-nothing", lambda: _declared([1 << 62, 4]), "elements; at most"),

@@ -2,7 +2,7 @@
 
 import onnx
 from onnx import TensorProto, helper
-from upload_case import Case
+from upload_case import By, Case
 from upload_models import STRING, beside, control, field, ints, model, node, number
 
 _BOOL = TensorProto.BOOL
@@ -102,9 +102,9 @@ OPERATORS = (
     Case("optional-value", lambda: _one("Optional"), "not allowed"),
     Case("sequence", lambda: _one("SequenceConstruct"), "not allowed"),
     Case("attribute-long", lambda: _one("Transpose", perm=list(range(1_000_000))), "too long"),
-    Case("attribute-of-wrong-type", lambda: _one("Softmax", axis=1.5), "onnxruntime"),
+    Case("attribute-of-wrong-type", lambda: _one("Softmax", axis=1.5), "onnxruntime", By.LOAD),
     Case("equation-long", lambda: _one("Einsum", equation="ij," * 100_000), "too long"),
     Case("ports-many", lambda: _one("Concat", *["speed"] * 10_000, axis=0), "inputs or outputs"),
-    Case("types-mixed", lambda: _one("Add", "speed", "shape"), "onnxruntime"),
+    Case("types-mixed", lambda: _one("Add", "speed", "shape"), "onnxruntime", By.LOAD),
 )
 """Operators."""

@@ -9,7 +9,7 @@ import pytest
 from wrongturn_protocol.model_contract import CONTROLS, MAX_STATE_BYTES, OPSETS
 from wrongturn_runner.pace import CHECK_DEADLINE_S, CHECK_STEP_S, DRIVE_DEADLINE_S, DRIVE_STEP_S, LOAD_S
 from wrongturn_sandbox import rules
-from wrongturn_sandbox.operators import CONTROL_FLOW, GROUPS, OPERATORS, RANDOM
+from wrongturn_sandbox.rules import CONTROL_FLOW, GROUPS, OPERATORS, RANDOM
 from wrongturn_service.settings import Settings
 
 PAGE = (Path(__file__).parents[2] / "docs" / "models.md").read_text(encoding="utf-8")

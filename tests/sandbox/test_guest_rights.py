@@ -13,14 +13,14 @@ from wrongturn_sandbox import Limits, open_sandbox
 MEMORY = 1 << 30
 
 
-@pytest.fixture(params=["bubblewrap", "listener"])
-def guest(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[int]:
+@pytest.fixture(scope="module", params=["bubblewrap", "listener"])
+def guest(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """The process id of a guest that has loaded a model."""
     process = None
     if request.param == "bubblewrap":
         request.getfixturevalue("bubblewrap")
     else:
-        process = ListenerProcess(tmp_path)
+        process = ListenerProcess(tmp_path_factory.mktemp("run"))
     with open_sandbox(None if process is None else process.path, Limits(MEMORY, 60, 60)) as sandbox:
         sandbox.load(model())
         yield (children(sandbox.pid or 0) if process is None else process.guests())[-1]

@@ -1,58 +1,96 @@
 """A host believes nothing that a guest says: a guest that a model has taken over can only be refused."""
 
-import sys
-from collections.abc import Callable
+import contextlib
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import msgpack
 import numpy as np
 import pytest
 from upload_models import model
 
-from wrongturn_sandbox import Limits, ModelRefusedError, SandboxLostError, SandboxUnavailableError, open_sandbox
+from wrongturn_sandbox import (
+    Limits,
+    ModelRefusedError,
+    Sandbox,
+    SandboxLostError,
+    SandboxUnavailableError,
+    open_sandbox,
+)
+from wrongturn_sandbox.frames import packed, receive, send
 
 SPEED = {"speed": np.zeros((1, 1), np.float32)}
 LIMITS = Limits(memory=1 << 30, load_s=20, step_s=2)
-HONEST = {"description": {"inputs": [], "outputs": [], "opset": 18, "metadata": {}, "nodes": 1, "parameters": 1}}
-GUEST = """
-import msgpack, socket, sys
-from wrongturn_sandbox.frames import packed, receive, send, unpacked
-connection = socket.socket(fileno=int(sys.argv[1]))
-receive(connection, 1000)
-send(connection, packed({"ready": 1, "runtime": "hostile"}))
-receive(connection, 1000)
-receive(connection, 1 << 20)
-"""
+FIELDS: dict[str, Any] = {"inputs": [], "outputs": [], "opset": 18, "metadata": {}, "nodes": 1, "parameters": 1}
+HONEST = {"description": FIELDS}
+READY = {"ready": 1, "runtime": "hostile"}
+Play = Callable[[socket.socket], object]
 
 
-def opened(start_listener: Callable[..., Path], program: str) -> object:
-    return open_sandbox(start_listener(command=[sys.executable, "-c", GUEST + program]), LIMITS)
+@contextlib.contextmanager
+def played(folder: Path, play: Play) -> Iterator[Path]:
+    """A runner container's socket. Whoever connects speaks with a guest that this function plays."""
+    path = folder / "runner.sock"
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(path))
+        listening.listen()
+
+        def guest() -> None:
+            connection, _ = listening.accept()
+            with connection, contextlib.suppress(OSError):
+                play(connection)
+
+        thread = threading.Thread(target=guest)
+        thread.start()
+        yield path
+        thread.join()
+
+
+@contextlib.contextmanager
+def opened(folder: Path, play: Play) -> Iterator[Sandbox]:
+    """A sandbox whose guest begins well, takes a model, and then does this."""
+
+    def begin(connection: socket.socket) -> None:
+        receive(connection, 1000)
+        send(connection, packed(READY))
+        receive(connection, 1000)
+        receive(connection, 1 << 20)
+        play(connection)
+
+    with played(folder, begin) as path, open_sandbox(path, LIMITS) as sandbox:
+        yield sandbox
+
+
+def says(message: object) -> Play:
+    return lambda connection: send(connection, packed(message))
 
 
 @pytest.mark.parametrize(
-    "reply",
+    "play",
     [
-        'connection.sendall(b"\\xff\\xff\\xff\\xff" + b"x" * 1000)',
-        'connection.sendall(b"\\0\\0\\0\\x08cut")',
-        'send(connection, b"\\xc1 no msgpack")',
-        'send(connection, b"\\x91" * 5_000_000)',
-        "send(connection, packed(7))",
-        "send(connection, packed({}))",
-        'send(connection, packed({"shell": "rm -rf /"}))',
-        'send(connection, packed({"description": 7}))',
-        'send(connection, packed({"description": {"inputs": [["a", "object", [1]]]}}))',
-        'send(connection, packed({"outputs": {}}))',
-        'send(connection, packed({"refused": {"a": 1}}))',
-        'send(connection, packed({"description": msgpack.ExtType(5, b"x")}))',
-        'send(connection, packed({"description": {"inputs": [], "outputs": [], "opset": -1, "metadata": {}, '
-        '"nodes": 1, "parameters": 1}}))',
-        'send(connection, packed({"description": {"inputs": [], "outputs": [], "opset": 1, "metadata": {"a": "x" * '
-        '1_000_000}, "nodes": 1, "parameters": 1}}))',
-        "raise SystemExit(0)",
-        "raise SystemExit(9)",
+        lambda connection: connection.sendall(b"\xff\xff\xff\xff" + b"x" * 1000),
+        lambda connection: send(connection, b"\xc1 no msgpack"),
+        lambda connection: send(connection, b"\x91" * 5_000_000),
+        says(7),
+        says({}),
+        says({"shell": "rm -rf /"}),
+        says({"description": 7}),
+        says({"description": {"inputs": [["a", "object", [1]]]}}),
+        says({"outputs": {}}),
+        says({"refused": {"a": 1}}),
+        says({"description": msgpack.ExtType(5, b"x")}),
+        says({"description": {**FIELDS, "opset": -1}}),
+        says({"description": {**FIELDS, "metadata": {"a": "x" * 1_000_000}}}),
+        says({"ended": 0}),
+        says({"ended": 9}),
     ],
 )
-def test_nonsense_instead_of_a_description(start_listener: Callable[..., Path], reply: str) -> None:
-    with opened(start_listener, reply) as sandbox, pytest.raises(ModelRefusedError) as refused:
+def test_nonsense_instead_of_a_description(tmp_path: Path, play: Play) -> None:
+    with opened(tmp_path, play) as sandbox, pytest.raises(ModelRefusedError) as refused:
         sandbox.load(model())
     assert len(refused.value.reason) < 500
 
@@ -60,62 +98,63 @@ def test_nonsense_instead_of_a_description(start_listener: Callable[..., Path], 
 @pytest.mark.parametrize(
     "array",
     [
-        '["object", [1], b"12345678"]',
-        '["float32", [2], b"1234"]',
-        '["float32", [-1], b"1234"]',
-        '["float32", [2 ** 40, 2 ** 40], b""]',
-        '["float32", [1.5], b"1234"]',
-        '["float32", [True], b"1234"]',
-        '["float32", [1] * 50, b"1234"]',
-        '["float32", [1], "1234"]',
-        '["float32", [1]]',
-        "[]",
-        "7",
-        '[["float32"], [1], b"1234"]',
+        ["object", [1], b"12345678"],
+        ["float32", [2], b"1234"],
+        ["float32", [-1], b"1234"],
+        ["float32", [1 << 40, 1 << 40], b""],
+        ["float32", [1.5], b"1234"],
+        ["float32", [True], b"1234"],
+        ["float32", [1] * 50, b"1234"],
+        ["float32", [1], "1234"],
+        ["float32", [1]],
+        [],
+        7,
+        [["float32"], [1], b"1234"],
     ],
 )
-def test_nonsense_instead_of_an_array(start_listener: Callable[..., Path], array: str) -> None:
-    program = f"""
-send(connection, packed({HONEST!r}))
-receive(connection, 1 << 20)
-send(connection, packed({{"outputs": {{"steer": {array}}}}}))
-"""
-    with opened(start_listener, program) as sandbox:
+def test_nonsense_instead_of_an_array(tmp_path: Path, array: object) -> None:
+    def play(connection: socket.socket) -> None:
+        send(connection, packed(HONEST))
+        receive(connection, 1 << 20)
+        send(connection, packed({"outputs": {"steer": array}}))
+
+    with opened(tmp_path, play) as sandbox:
         assert sandbox.load(model()).opset == 18
         with pytest.raises(ModelRefusedError, match="does not follow its protocol"):
             sandbox.run(SPEED)
 
 
-def test_a_reason_cannot_write_on_a_terminal(start_listener: Callable[..., Path]) -> None:
-    program = 'send(connection, packed({"refused": "\\x1b[2Jevil\\n\\u202e" + "x" * 100_000}))'
-    with opened(start_listener, program) as sandbox, pytest.raises(ModelRefusedError, match="evil") as refused:
+def test_a_reason_cannot_write_on_a_terminal(tmp_path: Path) -> None:
+    play = says({"refused": "\x1b[2Jevil\n\u202e" + "x" * 100_000})
+    with opened(tmp_path, play) as sandbox, pytest.raises(ModelRefusedError, match="evil") as refused:
         sandbox.load(model())
     assert refused.value.reason.isprintable()
     assert len(refused.value.reason) <= 400
 
 
-def test_drops_that_never_end_meet_the_deadline(start_listener: Callable[..., Path]) -> None:
-    program = f"""
-import time
-send(connection, packed({HONEST!r}))
-connection.sendall(b"\\0\\0\\x10\\0")
-while True:
-    connection.sendall(b"x")
-    time.sleep(0.05)
-"""
-    with opened(start_listener, program) as sandbox:
+def test_drops_that_never_end_meet_the_deadline(tmp_path: Path) -> None:
+    def play(connection: socket.socket) -> None:
+        send(connection, packed(HONEST))
+        connection.sendall(b"\0\0\x10\0")
+        while True:
+            connection.sendall(b"x")
+            time.sleep(0.05)
+
+    with opened(tmp_path, play) as sandbox:
         sandbox.load(model())
         with pytest.raises(ModelRefusedError, match="longer than 2 s"):
             sandbox.run(SPEED)
 
 
-def test_a_guest_that_says_it_was_killed_is_only_lost(start_listener: Callable[..., Path]) -> None:
-    with opened(start_listener, 'send(connection, packed({"ended": -9}))') as sandbox, pytest.raises(SandboxLostError):
+@pytest.mark.parametrize(
+    "play", [says({"ended": -9}), lambda connection: connection.sendall(b"\0\0\0\x08cut"), lambda _: None]
+)
+def test_a_guest_that_may_have_been_killed_is_only_lost(tmp_path: Path, play: Play) -> None:
+    with opened(tmp_path, play) as sandbox, pytest.raises(SandboxLostError):
         sandbox.load(model())
 
 
-@pytest.mark.parametrize("program", ["raise SystemExit(1)", "print('hello')"])
-def test_a_guest_that_does_not_get_ready(start_listener: Callable[..., Path], program: str) -> None:
-    path = start_listener(command=[sys.executable, "-c", program])
-    with pytest.raises(SandboxUnavailableError, match="look at its log"):
+@pytest.mark.parametrize("play", [lambda _: None, lambda connection: connection.sendall(b"hello")])
+def test_a_guest_that_does_not_get_ready(tmp_path: Path, play: Play) -> None:
+    with played(tmp_path, play) as path, pytest.raises(SandboxUnavailableError, match="look at its log"):
         open_sandbox(path, LIMITS)

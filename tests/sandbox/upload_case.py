@@ -11,8 +11,10 @@ class By(StrEnum):
 
     SIZE = "size"
     """The limit on an upload's size, before anything reads it."""
+    CHECK = "check"
+    """The check, by reading the file alone."""
     LOAD = "load"
-    """The sandbox, when it loads the model."""
+    """The sandbox, when onnxruntime loads the model, or the file takes too much to read."""
     STEP = "step"
     """The sandbox, at a step."""
     CONTRACT = "contract"
@@ -28,7 +30,7 @@ class Case:
     """Makes the file's first bytes."""
     words: str
     """Words that the reason holds, in any case of letters."""
-    by: By = By.LOAD
+    by: By = By.CHECK
     length: int | None = None
     """Length of the file where it is longer than its first bytes. The rest is a hole."""
 
