@@ -4,9 +4,10 @@ import sys
 
 from wrongturn_client import WrongturnError
 from wrongturn_runner.conversation import FAILED, Conversation
-from wrongturn_runner.errors import ModelAtFaultError, NoRoomError, RunnerFailedError, plain
+from wrongturn_runner.errors import ModelAtFaultError, NoRoomError, RunnerFailedError
 from wrongturn_runner.jobs import check, drive
-from wrongturn_runner.messages import BUSY, CheckJob, Refused
+from wrongturn_runner.messages import BUSY, REASON_MOST, CheckJob, Refused
+from wrongturn_sandbox.reasons import printable
 
 
 def main() -> int:
@@ -16,13 +17,10 @@ def main() -> int:
         job = conversation.job()
         conversation.finish(check(job, conversation) if isinstance(job, CheckJob) else drive(job, conversation))
     except ModelAtFaultError as error:
-        conversation.finish(Refused(reason=plain(str(error))))
-    except NoRoomError as error:
-        sys.stderr.write(f"wrongturn_runner: {plain(str(error))}\n")
-        return BUSY
+        conversation.finish(Refused(reason=printable(str(error), REASON_MOST)))
     except (RunnerFailedError, WrongturnError) as error:
-        sys.stderr.write(f"wrongturn_runner: {plain(str(error))}\n")
-        return FAILED
+        sys.stderr.write(f"wrongturn_runner: {printable(str(error), REASON_MOST)}\n")
+        return BUSY if isinstance(error, NoRoomError) else FAILED
     return 0
 
 

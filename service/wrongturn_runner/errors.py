@@ -5,11 +5,6 @@ The service decides what becomes of open episodes. It closes the evaluation of a
 a lost sandbox left open.
 """
 
-from typing import Final
-
-_LONGEST: Final = 500
-"""Characters; a reason is a sentence or two."""
-
 
 class ModelAtFaultError(BaseException):
     """The model cannot be driven. The message tells its owner what is wrong and what to do."""
@@ -21,11 +16,3 @@ class RunnerFailedError(BaseException):
 
 class NoRoomError(RunnerFailedError):
     """All sandboxes are taken. The service starts another runner later."""
-
-
-def plain(text: str, longest: int = _LONGEST) -> str:
-    """Return a stranger's text, such as a tensor's name, as one line of printable characters, cut to a length."""
-    # Cut first, so that a long text costs nothing. A line break and its like are spaces.
-    spaced = " ".join(text[: 4 * longest].split())
-    shown = "".join(letter if letter.isprintable() else "?" for letter in spaced)
-    return shown if len(shown) <= longest else shown[: longest - 1] + "…"

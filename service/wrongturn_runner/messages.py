@@ -17,6 +17,9 @@ from wrongturn_protocol.episodes import Message
 BUSY: Final = 75
 """Exit status of a runner that got no sandbox, because all of them are taken."""
 
+REASON_MOST: Final = 500
+"""Longest reason, characters."""
+
 
 class SandboxAddress(Message):
     """Where the sandbox is, and what it allows."""
@@ -27,19 +30,22 @@ class SandboxAddress(Message):
     """Bytes that the model's process may take."""
 
 
-class CheckJob(Message):
-    """Look at a model, then let it drive six steps of practice."""
-
-    task: Literal["check"] = "check"
+class _ModelJob(Message):
     model: Path
     sha256: str
     sandbox: SandboxAddress
+    url: str
+    """URL of the service."""
+
+
+class CheckJob(_ModelJob):
+    """Look at a model, then let it drive six steps of practice."""
+
+    task: Literal["check"] = "check"
     tracks: tuple[Track, ...]
     """Tracks that the suite takes."""
     agent_track: Track | None = None
     """Track of the agent whose token handed the model in; None if the check makes the agent."""
-    url: str
-    """URL of the service."""
 
 
 class PracticeJob(Message):
@@ -50,14 +56,10 @@ class PracticeJob(Message):
     trial: str
 
 
-class DriveJob(Message):
+class DriveJob(_ModelJob):
     """Drive an evaluation to its end, from wherever it is."""
 
     task: Literal["drive"] = "drive"
-    model: Path
-    sha256: str
-    sandbox: SandboxAddress
-    url: str
     token: str = Field(repr=False)
     """Token that is good for this evaluation alone; it is in no log."""
     evaluation: str
@@ -111,5 +113,7 @@ Job = Annotated[CheckJob | DriveJob, Field(discriminator="task")]
 Event = Annotated[Described | Passed | Refused | Progressed | Driven, Field(discriminator="event")]
 JOB: TypeAdapter[Job] = TypeAdapter(Job)
 """Reads the first line of a runner's stdin."""
+PRACTICE: Final = TypeAdapter(PracticeJob)
+"""Reads the second line, of a check."""
 EVENT: TypeAdapter[Event] = TypeAdapter(Event)
 """Reads a line of a runner's stdout."""

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from wrongturn_protocol import Action, Track
 from wrongturn_protocol.model_contract import ContractError, ModelContract, ModelSignature, TensorSpec, contract_of
 from wrongturn_protocol.observations import Observation
-from wrongturn_runner.errors import ModelAtFaultError, NoRoomError, RunnerFailedError, plain
-from wrongturn_runner.messages import Job
+from wrongturn_runner.errors import ModelAtFaultError, NoRoomError, RunnerFailedError
+from wrongturn_runner.messages import REASON_MOST, Job
 from wrongturn_runner.pace import LOAD_S, Pace
 from wrongturn_sandbox.errors import ModelRefusedError, SandboxBusyError, SandboxLostError, SandboxUnavailableError
 from wrongturn_sandbox.host import Sandbox, open_sandbox
 from wrongturn_sandbox.messages import Description, Limits
+from wrongturn_sandbox.reasons import printable
 
 _ROOM_S: Final = 20.0
 """Seconds to wait for a sandbox while all are taken."""
@@ -36,7 +37,7 @@ class SandboxedModel:
         self.contract = contract
         self.description = _line(description)
         """One line about its inputs, outputs and size."""
-        self.about = plain(description.metadata.get("description", ""), _LONGEST_ABOUT) or None
+        self.about = printable(description.metadata.get("description", ""), _LONGEST_ABOUT) or None
         """What its metadata says of the agent."""
         self._idle: queue.SimpleQueue[Sandbox] = queue.SimpleQueue()
         for sandbox in sandboxes:
@@ -156,9 +157,9 @@ def _explained() -> Iterator[None]:
     try:
         yield
     except (ModelRefusedError, ContractError) as error:
-        raise ModelAtFaultError(plain(str(error))) from error
+        raise ModelAtFaultError(str(error)) from error
     except (SandboxLostError, SandboxUnavailableError) as error:
-        raise RunnerFailedError(plain(str(error))) from error
+        raise RunnerFailedError(str(error)) from error
 
 
 def _signature(description: Description) -> ModelSignature:
@@ -180,7 +181,8 @@ def _line(description: Description) -> str:
     def names(tensors: Collection[Any]) -> str:
         return ", ".join(f"{tensor.name} {tensor.dtype}[{axes(tensor)}]" for tensor in tensors)
 
-    return plain(
+    return printable(
         f"inputs {names(description.inputs)}; outputs {names(description.outputs)}; opset {description.opset}; "
-        f"{description.nodes} nodes, {description.parameters} parameters"
+        f"{description.nodes} nodes, {description.parameters} parameters",
+        REASON_MOST,
     )

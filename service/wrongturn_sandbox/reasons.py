@@ -20,11 +20,9 @@ FROM_OUTSIDE: Final = frozenset(
 
 
 def printable(text: object, most: int = REASON_MOST) -> str:
-    """Return a guest's words as one line, without control characters and without paths of source files."""
-    words = text if isinstance(text, str) else "no reason given"
-    words = _SOURCE.sub("", words[: 16 * most])
-    words = "".join(letter if letter.isprintable() else " " for letter in words)
-    words = " ".join(words.split())
+    """Return a stranger's words as one line of printable characters, cut to a length."""
+    words = text[: 16 * most] if isinstance(text, str) else "no reason given"
+    words = " ".join("".join(letter if letter.isprintable() else " " for letter in words).split())
     return words if len(words) <= most else words[: most - 1].rstrip() + "…"
 
 
@@ -32,8 +30,9 @@ def runtime_error(error: BaseException) -> str:
     """Return onnxruntime's message without the places in its own source code."""
     words = _PREFIX.sub("", _RUNTIME.sub("", str(error)))
     words = _NODE.sub(r"node '\2' (\1): ", words)
-    before, place, after = (words, "", "") if (match := _SOURCE.search(words)) is None else _parts(words, match)
-    return printable((before + _FUNCTION.sub("", after) if place else words).strip(" :"))
+    if (match := _SOURCE.search(words)) is not None:
+        words = words[: match.start()] + _FUNCTION.sub("", words[match.end() :])
+    return printable(_SOURCE.sub("", words[: 16 * REASON_MOST]).strip(" :"))
 
 
 def out_of_memory(limits: Limits) -> str:
@@ -75,7 +74,3 @@ def ending(status: int | None, limits: Limits) -> str | None:
         f", perhaps because it needs more than {limits.memory >> 20} MiB of memory" if -status == signal.SIGABRT else ""
     )
     return f"the model crashes onnxruntime ({name}){hint}; check that it runs with onnxruntime on your machine"
-
-
-def _parts(words: str, match: re.Match[str]) -> tuple[str, str, str]:
-    return words[: match.start()], match[0], words[match.end() :]
