@@ -2,7 +2,6 @@
 
 import gzip
 import json
-import os
 import shlex
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from client_fake_service import FakeService
 from typer.testing import CliRunner
 
 from wrongturn_client import Client, cli, doctor, listings, plugins
+from wrongturn_client.invocation import program
 from wrongturn_protocol import Comparison, SuiteSummary
 
 SUITE = SuiteSummary(id="mine@1", title="Mine", version=1, sha256="1" * 64, trials=3, twins=3, tracks=("privileged",))
@@ -78,17 +78,6 @@ def served(monkeypatch: pytest.MonkeyPatch) -> FakeService:
     return service
 
 
-def _program(*args: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "wrongturn_client", *args],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-        env={**os.environ, "COLUMNS": "100", **environment},
-    )
-
-
 def _main(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *args: str) -> tuple[Any, str, str]:
     """Return status, output and errors of a command that runs in this process."""
     monkeypatch.setattr(sys, "argv", ["wrongturn", *args])
@@ -97,15 +86,7 @@ def _main(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *
     return caught.value.code, *capsys.readouterr()
 
 
-def test_help_lists_the_commands() -> None:
-    done = _program("--help")
-    assert done.returncode == 0
-    assert done.stderr == ""
-    for command in ("agents", "suites", "towns", "leaderboard", "doctor"):
-        assert f" {command} " in done.stdout
-
-
-def test_help_imports_nothing_heavy() -> None:
+def test_help_lists_the_commands_and_imports_nothing_heavy() -> None:
     code = (
         "import sys; sys.argv = ['wrongturn', '--help']\n"
         "from wrongturn_client.cli import main\n"
@@ -117,6 +98,8 @@ def test_help_imports_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert done.stderr.strip() == "[]"
+    for command in ("agents", "suites", "towns", "leaderboard", "doctor"):
+        assert f" {command} " in done.stdout
 
 
 def test_version() -> None:
@@ -125,8 +108,8 @@ def test_version() -> None:
 
 @pytest.mark.parametrize(("command", "says"), [("nonsense", "'nonsense'."), ("rnu", "'rnu'. Did you mean run?")])
 def test_an_unknown_command_is_a_usage_error(command: str, says: str) -> None:
-    done = _program(command)
-    assert done.returncode == 2
+    done = runner.invoke(cli.app, [command])
+    assert done.exit_code == 2
     assert f"No such command {says}" in done.stderr
     assert done.stdout == ""
 
@@ -363,3 +346,29 @@ def test_a_reader_that_leaves_is_no_traceback() -> None:
     script = f"{sys.executable} -m wrongturn_client --help | true"
     done = subprocess.run(["sh", "-c", script], capture_output=True, text=True, timeout=60, check=False)
     assert "Traceback" not in done.stderr
+
+
+# Commands that the program prints can be pasted
+
+
+@pytest.mark.parametrize(
+    ("called", "printed"),
+    [
+        (".venv/bin/wrongturn", ".venv/bin/wrongturn"),
+        ("/with space/wrongturn", "'/with space/wrongturn'"),
+        ("/usr/lib/wrongturn_client/__main__.py", "/bin/python -m wrongturn_client"),
+        ("-m", "/bin/python -m wrongturn_client"),
+    ],
+)
+def test_the_program_as_it_was_called(called: str, printed: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", [called, "run"])
+    monkeypatch.setattr(sys, "executable", "/bin/python")
+    assert program() == printed
+
+
+def test_found_by_the_path_its_name_is_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "wrongturn"
+    file.touch(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(sys, "argv", [str(file)])
+    assert program() == "wrongturn"

@@ -7,11 +7,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from client_fake_service import FakeService, problem
-from gymnasium.error import ResetNeeded
+from client_fake_service import FakeService
 
-from wrongturn_client import NotFoundError
-from wrongturn_protocol import Command, Fault, FaultKind, JunctionType, ProblemType, Start, Trial
+from wrongturn_protocol import Command, Fault, FaultKind, JunctionType, Start, Trial
 
 ACTION = np.array([0.1, 0.5, 0.0], np.float32)
 
@@ -87,23 +85,6 @@ def test_an_episode_that_is_left_is_given_up() -> None:
         env.step(ACTION)
     env.close()
     assert service.aborted == ["ep0"], "the second came to its end"
-
-
-def test_a_step_before_the_reset_and_a_refusal() -> None:
-    service = FakeService()
-    env = _make(service, token="t").unwrapped
-    with pytest.raises(ResetNeeded):
-        env.step(ACTION)
-    service.inject = lambda request: problem(ProblemType.UNKNOWN_TOWN, 404, "no town Oslo; there are Town01, Town02")
-    with pytest.raises(NotFoundError, match="no town Oslo"):
-        env.reset()
-
-
-def test_names_that_do_not_go_together_are_refused_before_any_call() -> None:
-    service = FakeService()
-    with pytest.raises(ValueError, match="suite: "):
-        _make(service, suite="smoke@2", town="Town01")
-    assert service.requests == []
 
 
 def test_traffic_is_asked_for() -> None:

@@ -1,6 +1,5 @@
 """OpenEnv's own client against ``wrongturn openenv`` before a real service."""
 
-import asyncio
 import importlib
 import importlib.util
 import json
@@ -11,7 +10,6 @@ import venv
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import pytest
 
@@ -77,34 +75,6 @@ def test_an_episode_from_reset_to_its_verdict(openenv: ModuleType, server: str) 
         again = env.reset(seed=7)
         assert env.state()["episode_id"] != state["episode_id"]
         assert not again.done
-
-
-def test_the_same_seed_drives_the_same_episode(openenv: ModuleType, server: str) -> None:
-    def drive() -> list[Any]:
-        with openenv.GenericEnvClient(base_url=server).sync() as env:
-            results = [env.reset(seed=3, town="junctions")]
-            results += [env.step(GAS) for _ in range(5)]
-            return [env.state()["trial"], results]
-
-    first, second = drive(), drive()
-    assert first == second
-
-
-def test_several_sessions_drive_side_by_side(openenv: ModuleType, server: str) -> None:
-    async def drive(seed: int) -> dict[str, Any]:
-        async with openenv.GenericEnvClient(base_url=server) as env:
-            await env.reset(seed=seed)
-            for _ in range(seed):
-                await env.step(GAS)
-            state: dict[str, Any] = await env.state()
-            return state
-
-    async def all_of_them() -> list[dict[str, Any]]:
-        return await asyncio.gather(*(drive(seed) for seed in range(1, 4)))
-
-    states = asyncio.run(all_of_them())
-    assert [state["step_count"] for state in states] == [1, 2, 3]
-    assert len({state["episode_id"] for state in states}) == 3
 
 
 def test_errors_reach_the_trainer(openenv: ModuleType, server: str) -> None:

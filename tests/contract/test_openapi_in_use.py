@@ -105,12 +105,12 @@ def schema_of(served: ServedApp) -> Any:
             "headers": {"Authorization": f"Bearer {registered['token']}"},
             "continue-on-failure": True,
             "request-timeout": 60,
-            "generation": {"max-examples": 10, "deterministic": True, "database": "none"},
+            "generation": {"max-examples": 5, "deterministic": True, "database": "none"},
             "checks": {
                 "negative_data_rejection": {"expected-statuses": ["4xx", 503]},
                 **{name: {"enabled": False} for name in UNCHECKED},
             },
-            "phases": {"fuzzing": {"generation": {"max-examples": 5}}},
+            "phases": {"fuzzing": {"generation": {"max-examples": 3}}},
             "operations": [{"include-path": "/v1/agents/{agent}/token", "enabled": False}],
         }
     )

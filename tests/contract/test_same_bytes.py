@@ -37,9 +37,12 @@ class Drive(NamedTuple):
     most: int = 5000
 
 
-DRIVES = [
+AT_JUNCTIONS = [
     *(Drive(SUITE, trial, Track.PRIVILEGED) for trial in TRIALS),
     *(Drive(SUITE, trial, Track.SEGMENTATION) for trial in PICTURED),
+]
+DRIVES = [
+    *AT_JUNCTIONS,
     Drive(JOURNEYS, STRAIGHT_ON, Track.PRIVILEGED),
     Drive(JOURNEYS, AMONG_OTHERS, Track.PRIVILEGED, 150),
     Drive(JOURNEYS, STRAIGHT_ON, Track.SEGMENTATION, 50),
@@ -75,24 +78,21 @@ def digest_of(trial: Trial, track: Track = Track.PRIVILEGED) -> str:
     return hashlib.sha256(b"".join([*parts, *told])).hexdigest()
 
 
-@pytest.mark.parametrize(("trials", "track"), [("TRIALS", Track.PRIVILEGED), ("PICTURED", Track.SEGMENTATION)])
-def test_in_two_processes(trials: str, track: Track) -> None:
-    here = [digest_of(trial, track) for trial in globals()[trials]]
+def digests(drives: list[Drive]) -> list[str]:
+    return [digest_of(drive.trial, drive.track) for drive in drives]
+
+
+def test_in_two_processes() -> None:
+    here = digests(AT_JUNCTIONS)
     # In the other order, so that what was driven before would show.
     command = (
-        "import sys, runpy; names = runpy.run_path(sys.argv[1]); "
-        "trials, track = names[sys.argv[2]], names['Track'](sys.argv[3]); "
-        "print('\\n'.join(reversed([names['digest_of'](trial, track) for trial in reversed(trials)])))"
+        f"import sys, runpy; sys.path[:0] = {[folder for folder in sys.path if folder]!r}; "
+        "names = runpy.run_path(sys.argv[1]); print('\\n'.join(names['digests'](names['AT_JUNCTIONS'][::-1])))"
     )
-    path = [str(folder) for folder in sys.path if folder]
     there = subprocess.run(
-        [sys.executable, "-c", f"import sys; sys.path[:0] = {path!r}; {command}", __file__, trials, track.value],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=120,
+        [sys.executable, "-c", command, __file__], capture_output=True, text=True, check=True, timeout=120
     )
-    assert there.stdout.split() == here
+    assert there.stdout.split()[::-1] == here
     assert len(set(here)) == len(here)
 
 

@@ -36,20 +36,6 @@ def test_gymnasiums_checker(kind: Environments, track: str) -> None:
         check_env(env, skip_render_check=True)
 
 
-@pytest.mark.slow
-def test_stable_baselines_checks_and_trains_it(kind: Environments) -> None:
-    sb3 = pytest.importorskip("stable_baselines3")
-    from stable_baselines3.common.env_checker import check_env as check
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # advice on normalised actions and on images
-        env = kind.one(track="privileged", fault="infeasible")
-        check(env)
-        model = sb3.PPO("MultiInputPolicy", env, n_steps=50, batch_size=25, n_epochs=1, device="cpu", seed=1)
-        model.learn(100)
-    assert model.num_timesteps == 100
-
-
 def test_a_seed_draws_the_same_trials_and_each_another(kind: Environments) -> None:
     env = kind.one(town="Town01", fault="omission")
     one = [env.reset(seed=5 if k == 0 else None)[1]["trial"] for k in range(4)]
