@@ -238,11 +238,7 @@ class Client(HttpCalls, PublicCalls, AccountCalls):
         )
 
     def connection(self, parallel: int) -> DriveConnection:
-        """Open a connection for driving: the WebSocket if there is one, else HTTP.
-
-        Args:
-            parallel: Calls over HTTP at a time.
-        """
+        """Open a connection for driving: the WebSocket if there is one, else HTTP with so many calls at a time."""
         try:
             return self.drive()
         except NotOfferedError:

@@ -125,9 +125,7 @@ class EpisodeCalls(Closing):
     def practise(self, request: PracticeRequest, *, key: str | None = None) -> EpisodeReply:
         """Begin a practice episode, which is never scored (the reset).
 
-        Args:
-            request: What to practise.
-            key: A name for this call. Calls with the same key return the same episode; by default each key is new.
+        Calls with the same ``key`` return the same episode; by default each key is new.
         """
         return self._model(EpisodeReply, practise_call(request, key))
 
@@ -183,8 +181,7 @@ class DriveConnection(EpisodeCalls):
     def steps(self, steps: Sequence[tuple[str, int, ActionLike]]) -> list[StepReply | ApiError]:
         """Drive several episodes for 0.1 s in one message; return a reply or an error for each.
 
-        Args:
-            steps: Episode, seq and action of each, as :meth:`step` takes them.
+        Each step is given as the arguments of :meth:`step`: episode, seq and action.
         """
         results = self.exchange([step_call(*step) for step in steps])
         return [result if isinstance(result, ApiError) else validated(StepReply, result) for result in results]

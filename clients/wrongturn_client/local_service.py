@@ -9,7 +9,6 @@ import threading
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Final, Self
 
 from wrongturn_client.errors import LocalServiceError
@@ -20,6 +19,10 @@ READY: Final = "Wrongturn is ready at "
 ENDS_WITH_PARENT: Final = "WRONGTURN_ENDS_WITH_PARENT"
 """Environment variable that tells ``wrongturn serve`` to stop at the end of its stdin, a pipe from its parent."""
 _COMPILING: Final = "wrongturn: compiling"
+_START_S: Final = 180.0
+"""Seconds until it must be ready. The first start on a machine compiles code and takes longer."""
+_STOP_S: Final = 20.0
+"""Seconds for a clean stop."""
 _TAIL: Final = 15
 """Number of lines of the service's stderr in an error."""
 FOR_ONE_COMMAND: Final = {
@@ -53,8 +56,6 @@ class LocalService:
         port: int = 0,
         environment: Mapping[str, str] | None = None,
         log: Path | None = None,
-        start_timeout: float = 180.0,
-        stop_timeout: float = 20.0,
     ) -> None:
         """Store the settings; ``start``, or entering a ``with`` block, starts the service.
 
@@ -63,17 +64,14 @@ class LocalService:
             port: Port to listen on; 0 for a free one.
             environment: Environment variables for the service, added to those of this process.
             log: File for the service's stderr.
-            start_timeout: Seconds until it must be ready. The first start on a machine compiles code and takes longer.
-            stop_timeout: Seconds for a clean stop.
         """
         self.url = ""
         """The service's URL, once it is started."""
-        self._database = database
-        self._port = port
+        self._command = [sys.executable, "-m", "wrongturn_client", "serve", "--host", "127.0.0.1", "--port", str(port)]
+        if database is not None:
+            self._command += ["--database", database]
         self._environment = dict(environment or {})
         self._log = log
-        self._start_timeout = start_timeout
-        self._stop_timeout = stop_timeout
         self._process: subprocess.Popen[str] | None = None
         self._tail: deque[str] = deque(maxlen=_TAIL)
         self._ready = threading.Event()
@@ -108,13 +106,9 @@ class LocalService:
         self.url = ""
         self._ready.clear()
         self._tail.clear()
-        self._readers.clear()
-        command = [sys.executable, "-m", "wrongturn_client", "serve", "--host", "127.0.0.1", "--port", str(self._port)]
-        if self._database is not None:
-            command += ["--database", self._database]
         # In its own process group, so that Ctrl-C reaches only this process, which then stops the service cleanly.
-        self._process = subprocess.Popen(  # noqa: S603 - our own program
-            command,
+        self._process = process = subprocess.Popen(  # noqa: S603 - our own program
+            self._command,
             stdin=subprocess.PIPE,  # nothing is written: its end tells the service that this process is gone
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -124,32 +118,29 @@ class LocalService:
             process_group=0,
         )
         atexit.register(self.stop)
-        for read, stream in ((self._read_stdout, self._process.stdout), (self._read_stderr, self._process.stderr)):
-            thread = threading.Thread(target=read, args=(stream,), daemon=True)
-            thread.start()
-            self._readers.append(thread)
+        both = ((self._read_stdout, process.stdout), (self._read_stderr, process.stderr))
+        self._readers = [threading.Thread(target=read, args=(stream,), daemon=True) for read, stream in both]
         try:
-            in_time = self._ready.wait(self._start_timeout)
+            for reader in self._readers:
+                reader.start()
+            self._await_url(process)
         except BaseException:
             self.stop()
             raise
-        if not self.url:
-            ended = in_time and self._ended()
-            self.stop()
-            what = (
-                f"ended with status {self._process.returncode} before it was ready"
-                if ended
-                else f"was not ready within {self._start_timeout:.0f} s"
-            )
-            tail = "".join(f"\n  {line}" for line in self._tail)
-            raise LocalServiceError(
-                f"'wrongturn serve' {what}; " + (f"it last said:{tail}" if tail else "it said nothing on stderr")
-            )
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def _await_url(self, process: subprocess.Popen[str]) -> None:
+        what = f"was not ready within {_START_S:.0f} s"
+        if self._ready.wait(_START_S) and not self.url:  # it has closed its stdout
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                what = f"ended with status {process.wait(_STOP_S)} before it was ready"
+        if not self.url:
+            self.stop()  # first, so that all that it said is there
+            tail = "".join(f"\n  {line}" for line in self._tail)
+            said = f"it last said:{tail}" if tail else "it said nothing on stderr"
+            raise LocalServiceError(f"'wrongturn serve' {what}; {said}")
+
+    def __exit__(self, *_: object) -> None:
         """Stop the service."""
         self.stop()
 
@@ -161,22 +152,15 @@ class LocalService:
         if self._process.poll() is None:
             self._process.terminate()
             try:
-                self._process.wait(self._stop_timeout)
+                self._process.wait(_STOP_S)
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
-        for thread in self._readers:
-            thread.join(timeout=2.0)
+        for reader in self._readers:
+            reader.join(timeout=2.0)
         for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
             if stream is not None:
                 stream.close()
-
-    def _ended(self) -> bool:
-        """Tell whether the process, which has closed its stdout, ends by itself."""
-        assert self._process is not None
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(self._stop_timeout)
-        return self._process.returncode is not None
 
     def _read_stdout(self, stream: IO[str]) -> None:
         for line in stream:
@@ -186,8 +170,7 @@ class LocalService:
         self._ready.set()  # after the last line: the process is gone, or will never be ready
 
     def _read_stderr(self, stream: IO[str]) -> None:
-        log = self._log.open("a", encoding="utf-8") if self._log is not None else None
-        try:
+        with contextlib.nullcontext() if self._log is None else self._log.open("a", encoding="utf-8") as log:
             for line in stream:
                 self._tail.append(line.rstrip())
                 if line.startswith(_COMPILING):  # otherwise nothing would say why the first start takes minutes
@@ -195,6 +178,3 @@ class LocalService:
                 if log is not None:
                     log.write(line)
                     log.flush()
-        finally:
-            if log is not None:
-                log.close()

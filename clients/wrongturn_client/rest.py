@@ -123,13 +123,7 @@ class PublicCalls(RestCalls):
         return reply.content.decode("utf-8")
 
     def compare(self, suite: str, a: str, b: str) -> protocol.Comparison:
-        """Compare two agents' results on a suite, with an exact test.
-
-        Args:
-            suite: The suite's id.
-            a: Id or name of an agent with an entry on the suite.
-            b: Id or name of another one.
-        """
+        """Compare the entries of two agents, each named by its id or name, on a suite with an exact test."""
         return self._get(protocol.Comparison, "leaderboards", suite, "compare", a=a, b=b)
 
 
@@ -139,11 +133,8 @@ class AccountCalls(RestCalls):
     def register_owner(self, name: str, *, contact: str | None = None) -> protocol.RegisteredOwner:
         """Register an owner, who answers for agents. Its token is shown only now.
 
-        A client with that token registers agents for the owner, and rotates and revokes their tokens.
-
-        Args:
-            name: Shown beside the owner's agents.
-            contact: How the operator reaches the owner; nobody else sees it.
+        A client with that token registers agents for the owner, and rotates and revokes their tokens. Everybody sees
+        the name beside the agents, but only the operator sees the contact.
 
         Raises:
             ValueError: The name or the contact is not valid; the message names it.
@@ -197,11 +188,7 @@ class AccountCalls(RestCalls):
         return self._create(protocol.RegisteredAgent, registration.model_dump(mode="json"), "agents")
 
     def agents(self, *, everybody: bool = False) -> tuple[protocol.AgentDetail, ...]:
-        """Return the agents that have begun an evaluation.
-
-        Args:
-            everybody: Whether to return those that have only practised too.
-        """
+        """Return the agents that have begun an evaluation; with ``everybody`` also those that have only practised."""
         query = {"all": "true"} if everybody else {}
         return tuple(agent for page in self._pages(protocol.AgentList, "agents", **query) for agent in page.agents)
 

@@ -27,7 +27,7 @@ from wrongturn_client.model_file import check_contract, check_model_file
 from wrongturn_client.settings import OWNER_TOKEN
 from wrongturn_client.submitter import NAME_RULE, Submitter, is_name, known_submitter, not_taken, submitter
 from wrongturn_client.tables import console, evaluation_table, list_table, standing
-from wrongturn_protocol import LeaderboardEntry, SubmissionDetail, SubmissionState, Track
+from wrongturn_protocol import LeaderboardEntry, SubmissionDetail, SubmissionState
 from wrongturn_protocol.json_output import give_json
 from wrongturn_protocol.submissions import NAME
 
@@ -52,7 +52,8 @@ class Order:
                     f"FILE: {wanted!r} cannot be the agent's name; choose another by --name. Example: --name my-agent"
                 )
             raise WrongturnError(f"--name: {wanted!r} cannot be a name; {NAME_RULE}")
-        check_contract(file, self._tracks_of(suite))
+        with Client(self.url, "") as client:
+            check_contract(file, client.suite(suite).tracks)
         self._check_open()
         who = submitter(self.url, self.owner_name, _say)
         with self._client(who) as client, display_of(wanted) as display:
@@ -95,12 +96,6 @@ class Order:
             found = client.submissions()
         if give_json([detail.model_dump(mode="json") for detail in found], self.json_to):
             console().print(_listing(found) if found else "There are no submissions.")
-
-    def _tracks_of(self, suite: str) -> tuple[Track, ...]:
-        """Return the tracks of a suite that takes evaluations. Raises WrongturnError."""
-        with Client(self.url, "") as client:
-            found = client.suite(suite)
-        return found.tracks
 
     def _check_open(self) -> None:
         """Check that the service takes submissions, before an owner is registered for one."""

@@ -37,14 +37,7 @@ def list_table(
     right: Collection[str] = (),
     whole: Collection[str] = (),
 ) -> Table:
-    """Return a list: rows below bold heads.
-
-    Args:
-        heads: The columns.
-        rows: A text for each column.
-        right: Columns of numbers, at the right.
-        whole: Columns that are never broken, so that they can be copied.
-    """
+    """Return a list: rows below bold heads. The columns ``right`` are numbers; ``whole`` ones are never broken."""
     table = Table(box=None, header_style="bold", pad_edge=False)
     rows = list(rows)
     for head, cells in zip(heads, zip(*rows, strict=True), strict=True):

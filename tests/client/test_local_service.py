@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from wrongturn_client import LocalService, LocalServiceError
+from wrongturn_client import LocalService, LocalServiceError, local_service
 
 READY = "print('Wrongturn is ready at http://127.0.0.1:4711', flush=True)"
 
@@ -67,17 +67,19 @@ def test_one_that_ends_shows_its_last_words(program: Path) -> None:
     assert "line 5\n" not in str(caught.value)
 
 
-def test_one_that_says_nothing_is_ended(program: Path) -> None:
+def test_one_that_says_nothing_is_ended(program: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     program.write_text("import time; time.sleep(60)")
-    service = LocalService(start_timeout=0.3)
+    monkeypatch.setattr(local_service, "_START_S", 0.3)
+    service = LocalService()
     with pytest.raises(LocalServiceError, match="not ready within 0 s; it said nothing on stderr"), service:
         pass
     assert _gone(service.pid)
 
 
-def test_one_that_does_not_heed_is_killed(program: Path) -> None:
+def test_one_that_does_not_heed_is_killed(program: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(local_service, "_STOP_S", 0.2)
     program.write_text(f"import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); {READY}; time.sleep(60)")
-    with LocalService(stop_timeout=0.2) as service:
+    with LocalService() as service:
         pid = service.pid
     assert _gone(pid)
 
