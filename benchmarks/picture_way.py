@@ -3,7 +3,7 @@
 ``python benchmarks/picture_way.py [--rounds N]``
 
 Each stage is timed by itself on the same observation of the segmentation track (49,152 bytes of pictures): driving,
-painting, encoding as msgpack and as JSON, packing and unpacking the frame for the web process, and decoding by the
+painting, encoding as msgpack and as JSON, packing and unpacking the reply for the web process, and decoding by the
 client. The rest of a step over HTTP (``benchmarks/http_step.py``) is HTTP itself.
 """
 
@@ -18,7 +18,6 @@ from common import finish, parser
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import decode, encode
-from wrongturn_service.simulators import frames
 from wrongturn_sim import Episode
 
 ACTION = (0.0, 0.3, 0.0)
@@ -56,14 +55,14 @@ def main() -> None:
     observation = Episode(load_suite("wrong-command@2").trials[0], track).reset()
     packed = msgpack.packb(encode(observation, track, binary=True))
     text = orjson.dumps(encode(observation, track))
-    framed = frames.pack([frames.OK, packed, 0.0, False, False, None])
+    framed = msgpack.packb([0, packed, 0.0, False, False, None])
     rows = {
         "drive 0.1 s": drive,
         "paint RGB and segmentation": paint,
         "encode as msgpack": median_us(lambda: msgpack.packb(encode(observation, track, binary=True)), rounds),
         "encode as JSON": median_us(lambda: orjson.dumps(encode(observation, track)), rounds),
-        "pack the frame": median_us(lambda: frames.pack([frames.OK, packed, 0.0, False, False, None]), rounds),
-        "unpack the frame": median_us(lambda: frames.Splitter().feed(framed), rounds),
+        "pack the reply": median_us(lambda: msgpack.packb([0, packed, 0.0, False, False, None]), rounds),
+        "unpack the reply": median_us(lambda: msgpack.unpackb(framed), rounds),
         "decode msgpack": median_us(lambda: decode(msgpack.unpackb(packed), track), rounds),
         "decode JSON": median_us(lambda: decode(orjson.loads(text), track), rounds),
     }

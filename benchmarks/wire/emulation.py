@@ -1,11 +1,14 @@
 """A simulator that only takes as long as one, and shows the same observation again and again."""
 
 import os
+import socket
 import subprocess
 import sys
 import time
 from pathlib import Path
 from typing import Any
+
+import msgpack
 
 from wrongturn_protocol import Track, wire
 from wrongturn_protocol.observations import observation_space
@@ -70,33 +73,28 @@ def simulator() -> None:
 
 
 class Asked:
-    """The same process, asked over its socket and its shared memory by a program that waits: the bare hop."""
+    """The same process, asked over its socket by a program that waits: the bare hop."""
 
     def __init__(self) -> None:
-        import socket  # noqa: PLC0415
-
         from wrongturn_service.encoding import Encoding  # noqa: PLC0415
-        from wrongturn_service.simulators import frames  # noqa: PLC0415
-        from wrongturn_service.simulators.shared_memory import SharedMemory  # noqa: PLC0415
 
         ours, theirs = socket.socketpair()
-        self.shared = SharedMemory()
-        with theirs, self.shared.inherited() as shared:
-            subprocess.Popen([*command(), str(theirs.fileno()), "60", str(shared)], pass_fds=[theirs.fileno(), shared])
+        with theirs:
+            subprocess.Popen([*command(), str(theirs.fileno()), "60"], pass_fds=[theirs.fileno()])
         self.socket = ours
-        self.replies = frames.Receiver(ours)
-        self.replies.receive()
-        self.request = frames.pack(["step", 0.0, 0.5, 0.0, Encoding.RAW.value, self.shared.next_place()])
-        trial = _trial()
-        ours.sendall(frames.pack(["reset", trial, TRACK.value, b"", Encoding.RAW.value, 0]))
-        self.replies.receive()
+        self.replies = msgpack.Unpacker(ours.makefile("rb", 0), read_size=1 << 17)
+        next(self.replies)
+        self.request = msgpack.packb(["step", 0.0, 0.5, 0.0, Encoding.RAW.value])
+        ours.sendall(msgpack.packb(["reset", _trial(), TRACK.value, b"", Encoding.RAW.value]))
+        next(self.replies)
 
     def ask(self) -> None:
         self.socket.sendall(self.request)
 
-    def answer(self) -> bytes | memoryview:
-        """The block, where it lies."""
-        return self.shared.view(self.replies.receive()[1]).data
+    def answer(self) -> bytes:
+        """The block."""
+        block: bytes = next(self.replies)[1]
+        return block
 
 
 def _trial() -> str:

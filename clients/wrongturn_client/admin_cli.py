@@ -269,7 +269,7 @@ def audit(
             _minute(entry.time),
             entry.actor,
             entry.address,
-            entry.action.value if entry.done else f"{entry.action.value} (cut short)",
+            entry.action.value,
             entry.target,
             entry.name,
             _words_of(entry.contents),

@@ -125,8 +125,6 @@ class AuditEntry(Message):
     """Why, as the operator said."""
     contents: Contents
     """How many of each kind were changed or deleted."""
-    done: bool = True
-    """False for a deletion that runs, or that was cut short. Repeat it then."""
 
 
 class AuditList(Message):

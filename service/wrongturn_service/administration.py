@@ -14,7 +14,7 @@ from wrongturn_service.errors import ForbiddenError, InvalidRequestError, NotFou
 from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.registration import SHIPPED
 from wrongturn_service.replays import Replays
-from wrongturn_service.storage.administration import AdministrationStore, Found, Item, PendingDeletion
+from wrongturn_service.storage.administration import AdministrationStore, Found, Item
 from wrongturn_service.storage.audit import Act
 from wrongturn_service.storage.models import EvaluationRow, OwnerRow
 from wrongturn_service.submissions.operations import Submissions
@@ -94,9 +94,7 @@ class Administration:
         return changed
 
     async def delete(self, collection: Collection, item_id: str, act: Act, *, free: bool) -> Deletion:
-        """Delete an item with all that hangs on it. Safe to call again, also after one that was cut short.
-
-        It is hidden first and what runs of it ends. Then it is deleted in small steps, so that others can go on.
+        """Delete an item with all that hangs on it, and end what runs of it. Safe to call again.
 
         Args:
             collection: Kind of the item.
@@ -114,23 +112,27 @@ class Administration:
             found = await self.rows.item(collection, item_id)
             if found is not None:
                 _check_not_shipped(found)
-            pending = await self.rows.begin_deletion(collection, item_id, act)
-            if pending is None:
+            deleted = await self.rows.delete(collection, item_id, act, free=free)
+            if deleted is None:
                 before = await self.rows.deleted_before(collection, item_id, act, free=free)
                 if before is None:
                     raise unknown(collection, item_id)
                 self._leaderboards.forget_all()  # a place may be free now
                 name, held = before
                 return Deletion(id=item_id, name=name, deleted=Contents(), held=held)
-            await self._let_go(pending)
-            for submission in pending.submissions:
+            self._leaderboards.forget_all()
+            self._cache.clear()
+            self._replays.clear()
+            holders = {*deleted.agents, *deleted.submissions, *deleted.cancelled}
+            await self._accounts.forget(holders)
+            for submission in deleted.cancelled:
+                self._submissions.cancelled(submission)
+            await self._closings.drop(deleted.evaluations, holders)
+            for submission in deleted.submissions:
                 await asyncio.to_thread(self._submissions.files.delete, submission)
-            while await self.rows.delete_some(pending):
-                pass
-            deleted, held = await self.rows.finish_deletion(pending, item_id, free=free)
-            self._forget()
-        self._log.warning("deleted", kind=collection.one, id=item_id, **deleted.model_dump(exclude_defaults=True))
-        return Deletion(id=item_id, name=pending.name, deleted=deleted, held=held)
+        counts = deleted.contents
+        self._log.warning("deleted", kind=collection.one, id=item_id, **counts.model_dump(exclude_defaults=True))
+        return Deletion(id=item_id, name=deleted.name, deleted=counts, held=deleted.held)
 
     async def note(
         self, authorization: str | None, address: str, action: AuditAction, collection: Collection, row: Item
@@ -148,20 +150,6 @@ class Administration:
             return
         act = Act(await self._accounts.operator(authorization), address)
         await self.rows.note(act, action, collection, row, row.name)
-
-    async def _let_go(self, pending: PendingDeletion) -> None:
-        """End what runs of a target that is hidden and stopped in the database."""
-        self._forget()
-        holders = {*pending.agents, *pending.submissions, *pending.cancelled}
-        await self._accounts.forget(holders)
-        for submission in pending.cancelled:
-            self._submissions.cancelled(submission)
-        await self._closings.drop(pending.evaluations, holders)
-
-    def _forget(self) -> None:
-        self._leaderboards.forget_all()
-        self._cache.clear()
-        self._replays.clear()
 
 
 def unknown(collection: Collection, item_id: str) -> NotFoundError:

@@ -16,7 +16,6 @@ from wrongturn_protocol.wire import result_head
 
 if TYPE_CHECKING:
     from wrongturn_protocol.observations import Observation
-    from wrongturn_service.simulators.shared_memory import ObservationView
 
 
 class Encoding(StrEnum):
@@ -42,7 +41,7 @@ class Reply:
     """
 
     seq: int
-    observation: "bytes | ObservationView"
+    observation: bytes
     encoding: Encoding
     track: Track
     head: tuple[tuple[str, object], ...]
@@ -50,7 +49,7 @@ class Reply:
 
     def render(self, encoding: Encoding) -> bytes:
         """Return the reply's body in an encoding."""
-        observation = bytes(self.observation)
+        observation = self.observation
         if encoding is not self.encoding:
             observation = _transcode(observation, self.track, self.encoding, encoding)
         match encoding:
@@ -61,13 +60,13 @@ class Reply:
             case Encoding.RAW:
                 return b"".join(self._raw(observation))
 
-    def pieces(self) -> "tuple[bytes, bytes | memoryview]":
+    def pieces(self) -> tuple[bytes, bytes]:
         """Return the result for ``WS /v1/drive`` in two pieces. The second is the observation, not copied."""
         if self.encoding is not Encoding.RAW:
-            return self._raw(_transcode(bytes(self.observation), self.track, self.encoding, Encoding.RAW))
-        return self._raw(self.observation if isinstance(self.observation, bytes) else self.observation.data)
+            return self._raw(_transcode(self.observation, self.track, self.encoding, Encoding.RAW))
+        return self._raw(self.observation)
 
-    def _raw(self, observation: bytes | memoryview) -> tuple[bytes, bytes | memoryview]:
+    def _raw(self, observation: bytes) -> tuple[bytes, bytes]:
         # A reset's reply begins with the episode's id.
         status = 201 if self.head[0][0] == "id" else 200
         return result_head(status, dict(self.head + self.tail), len(observation)), observation
@@ -75,7 +74,7 @@ class Reply:
 
 def reset_reply(
     episode: str,
-    observation: "bytes | ObservationView",
+    observation: bytes,
     encoding: Encoding,
     track: Track,
     *,
@@ -91,7 +90,7 @@ def reset_reply(
 
 def step_reply(
     seq: int,
-    observation: "bytes | ObservationView",
+    observation: bytes,
     encoding: Encoding,
     track: Track,
     *,

@@ -19,10 +19,9 @@ from wrongturn_service.episodes.closings import Closings
 from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.episodes import Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations
-from wrongturn_service.episodes.open_episode import LeaseLimits
+from wrongturn_service.episodes.open_episode import Limits, Most, Registry
 from wrongturn_service.episodes.queue import Limits as QueueLimits
 from wrongturn_service.episodes.queue import SimulatorQueue
-from wrongturn_service.episodes.registry import Limits, Most, Registry
 from wrongturn_service.episodes.resets import Resets
 from wrongturn_service.errors import StartupError
 from wrongturn_service.evaluation.leaderboards import Leaderboards
@@ -128,10 +127,17 @@ async def run_service(
         evaluations = RunningEvaluations(store, telemetry, leaderboards.forget)
         await evaluations.resume()
         queue = SimulatorQueue(pool.slots, QueueLimits(settings.max_waiting, settings.max_line))
-        driver = EpisodeDriver(pool, queue, telemetry.replays.inc, telemetry.simulated)
-        lease_limits = LeaseLimits(settings.lease_release_s, settings.lease_abort_s)
-        episodes = Episodes(store, driver, evaluations, Registry(_limits(settings)), lease_limits, telemetry)
-        resets = Resets(store, driver, evaluations, episodes, lease_limits)
+        driver = EpisodeDriver(pool, queue, telemetry)
+        episodes = Episodes(
+            store,
+            driver,
+            evaluations,
+            Registry(_limits(settings)),
+            telemetry,
+            release_s=settings.lease_release_s,
+            abort_s=settings.lease_abort_s,
+        )
+        resets = Resets(store, driver, evaluations, episodes)
         closings = Closings(
             store,
             evaluations,

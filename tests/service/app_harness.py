@@ -17,8 +17,8 @@ from fake_pool import FakePool
 from service_harness import GAS, expect
 
 from wrongturn_service.app import create_app
+from wrongturn_service.episodes import episodes
 from wrongturn_service.episodes.closings import Closings
-from wrongturn_service.episodes.open_episode import Lease, LeaseLimits
 from wrongturn_service.episodes.queue import SimulatorQueue
 from wrongturn_service.settings import Settings
 from wrongturn_service.storage.database import Database
@@ -58,12 +58,12 @@ class Clock:
     def used(self) -> Iterator[None]:
         """Let leases, the queue for simulators and idle evaluations of new services go by this clock."""
         with contextlib.ExitStack() as stack:
-            for clocked in (Lease, SimulatorQueue):
-                stack.enter_context(patch.object(clocked.__init__, "__defaults__", (self,)))
+            stack.enter_context(patch.object(SimulatorQueue.__init__, "__defaults__", (self,)))
+            stack.enter_context(patch.dict(episodes.Episodes.__init__.__kwdefaults__, clock=self))
             # The database's times are the real ones.
             stack.enter_context(patch.object(Closings.__init__, "__defaults__", (lambda: time.time() + self.now,)))
             # A service looks at its leases by the real clock. It does so often, so that tests need not wait for it.
-            stack.enter_context(patch.object(LeaseLimits, "period_s", 0.005))
+            stack.enter_context(patch.object(episodes, "LEASES_EVERY_S", 0.005))
             yield
 
 

@@ -11,8 +11,8 @@ from typing_extensions import override
 from wrongturn_protocol import JourneyOutcome, Outcome, Track, Verdict
 from wrongturn_protocol.observations import FIELDS
 from wrongturn_service.encoding import Encoding, encoded
-from wrongturn_service.simulators.actions import Action
 from wrongturn_service.simulators.interface import (
+    Action,
     EpisodeEnd,
     EpisodeRefusedError,
     Simulator,
@@ -52,7 +52,10 @@ class FakeSimulator(Simulator):
         return self._frame(encoding)
 
     @override
-    async def step(self, action: Action, encoding: Encoding) -> StepResult:
+    def step(self, action: Action, encoding: Encoding) -> "asyncio.Future[StepResult]":
+        return asyncio.ensure_future(self._step(action, encoding))
+
+    async def _step(self, action: Action, encoding: Encoding) -> StepResult:
         await asyncio.sleep(0)
         self._fail(self._pool.deaths_at_step)
         self.actions += struct.pack("<3f", *action)
@@ -111,7 +114,7 @@ class FakePool(SimulatorPool):
     """Fails as often as it is told to."""
 
     def __init__(self, slots: int = 4) -> None:
-        self._slots = slots
+        self.slots = slots
         self.taken: set[Simulator] = set()
         self.most = 0
         self.replays = 0
@@ -139,8 +142,8 @@ class FakePool(SimulatorPool):
 
     @override
     async def acquire(self, town: str, agent: str) -> Simulator:
-        if len(self.taken) >= self._slots:
-            raise SimulatorsBusyError(f"all {self._slots} simulators are busy")
+        if len(self.taken) >= self.slots:
+            raise SimulatorsBusyError(f"all {self.slots} simulators are busy")
         self.starts += 1
         if self.deaths_at_start:
             self.deaths_at_start.pop()
@@ -153,11 +156,6 @@ class FakePool(SimulatorPool):
     @override
     async def release(self, simulator: Simulator) -> None:
         self.taken.discard(simulator)
-
-    @property
-    @override
-    def slots(self) -> int:
-        return self._slots
 
     @property
     @override

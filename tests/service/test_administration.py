@@ -17,7 +17,6 @@ from submission_story import agent, checked, hand_in, handing_in, running, servi
 
 from wrongturn_networks import load_suite
 from wrongturn_service.service import Service
-from wrongturn_service.storage.administration import AdministrationStore
 from wrongturn_service.storage.models import Base
 
 OPERATOR = "the-operators-own-token"
@@ -164,7 +163,7 @@ def test_an_agent_is_deleted_with_all_that_hangs_on_it(database_url: str, tmp_pa
             expect(await register(http, name="One", track="camera"), 201)
             problem(await admin(http, "DELETE", "agents/ag_none"), 404, "unknown-agent")
             log = expect(await admin(http, "GET", "audit", target=mine), 200)["entries"]
-            assert [(entry["action"], entry["done"]) for entry in log] == [("free", True), ("delete", True)]
+            assert [entry["action"] for entry in log] == ["free", "delete"]
             assert log[1]["contents"] == before
             assert log[1]["reason"] == "asked by mail"
 
@@ -267,33 +266,6 @@ def test_a_submission_is_deleted_and_its_entry_stays(tmp_path: Path) -> None:
             assert await leftovers(service, submission) == []
             problem(await http.get(f"/v1/submissions/{submission}"), 404, "unknown-submission")
             expect(await hand_in(http), 202)  # its name is free again
-
-    play(story)
-
-
-def test_a_deletion_that_was_cut_short_is_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def story() -> None:
-        async with administered(tmp_path) as http:
-            service, mine = service_of(http), await own_id(http)
-            evaluation = await store_evaluation(service, mine, load_suite(SUITE))
-            before = expect(await admin(http, "GET", f"agents/{mine}"), 200)["contents"]
-
-            async def dies(*_: object, **__: object) -> None:
-                raise OSError("the power is off")
-
-            with monkeypatch.context() as broken:
-                broken.setattr(AdministrationStore, "finish_deletion", dies)
-                assert (await admin(http, "DELETE", f"agents/{mine}")).status_code == 500
-            # It is off the pages already, and the log says that it was cut short.
-            problem(await public(http, f"/v1/agents/{mine}"), 404, "unknown-agent")
-            assert not await has_entry(http, mine)
-            expect(await admin(http, "DELETE", f"agents/{mine}"), 200)
-            assert await leftovers(service, mine, evaluation) == []
-            log = expect(await admin(http, "GET", "audit", action="delete"), 200)["entries"]
-            assert [entry["done"] for entry in log] == [True, False]
-            # The first one says what there was, the second what was left.
-            assert log[1]["contents"] == before
-            assert (log[0]["contents"]["agents"], log[0]["contents"]["episodes"]) == (1, 0)
 
     play(story)
 

@@ -1,11 +1,9 @@
 """Which trial comes next."""
 
-import pytest
 from journey_suite import journeys
 
 from wrongturn_networks import load_suite
 from wrongturn_service.episodes.evaluations import Schedule, pair_of, shuffled
-from wrongturn_service.episodes.open_episode import Lease, LeaseLimits, Standing
 
 
 def test_the_order_is_the_secrets_alone() -> None:
@@ -59,22 +57,3 @@ def test_what_came_to_nothing_comes_again_and_what_is_finished_does_not() -> Non
     assert not schedule.finished
     schedule.finish(last)
     assert schedule.finished
-
-
-@pytest.mark.parametrize(
-    ("silence", "standing"),
-    [
-        (0, Standing.HELD),
-        (9.9, Standing.HELD),
-        (10, Standing.RELEASE),
-        (599, Standing.RELEASE),
-        (600, Standing.EXPIRED),
-    ],
-)
-def test_how_long_an_agent_may_be_silent(silence: float, standing: Standing) -> None:
-    now = [100.0]
-    lease = Lease(LeaseLimits(10, 600), lambda: now[0])
-    now[0] += silence
-    assert lease.standing is standing
-    lease.renew()
-    assert lease.standing is Standing.HELD

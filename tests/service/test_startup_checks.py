@@ -102,13 +102,12 @@ def test_a_server_that_does_not_answer() -> None:
 
 COMPILING = """
 import os, pathlib, socket, sys
-from wrongturn_service.simulators import frames
 kernels = pathlib.Path(os.environ["NUMBA_CACHE_DIR"], "kernels")
 if not kernels.exists():
     compiler = b"c" * 400 * 2**20
     kernels.touch()
 connection = socket.socket(fileno=int(sys.argv[1]))
-connection.sendall(frames.pack([frames.OK]))
+connection.sendall(bytes([0x91, 0]))  # msgpack of [OK]
 connection.recv(1)
 """
 """In a simulator's place: the first to run has a compiler in memory, as numba's stays."""

@@ -4,14 +4,11 @@ import subprocess
 import sys
 
 PROGRAM = """
-import os
 from wrongturn_service.simulators.worker import Server
-from wrongturn_service.simulators.shared_memory import SharedMemoryWriter, SharedMemory
 from wrongturn_judge import decide, journey_kernels
 compiled = [decide.observe, journey_kernels.observe]
 assert not any(function.signatures for function in compiled)
-with SharedMemory().inherited() as handle:
-    Server(SharedMemoryWriter(os.dup(handle))).warm_up()
+Server().warm_up()
 print([len(function.signatures) for function in compiled])
 """
 

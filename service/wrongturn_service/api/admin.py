@@ -248,7 +248,6 @@ def _entry(row: AuditRow) -> AuditEntry:
         name=row.name,
         reason=row.reason,
         contents=Contents.model_validate_json(row.counts),
-        done=row.done,
     )
 
 

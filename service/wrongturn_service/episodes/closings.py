@@ -92,7 +92,7 @@ class Closings:
                 continue
             idle_s = now - active
             for episode in self._episodes.registry.of(evaluation_id):
-                idle_s = min(idle_s, 0.0 if episode.lock.locked() else episode.lease.silence_s)
+                idle_s = min(idle_s, self._episodes.silence_s(episode))
             if idle_s >= self._idle_s or now - begun >= self._longest_s:
                 self._log.warning("evaluation overdue", evaluation=evaluation_id, idle_s=int(idle_s))
                 try:

@@ -10,8 +10,8 @@ from wrongturn_protocol import FaultKind, Outcome, Reaction, Trial, Verdict
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.queue import SimulatorQueue
-from wrongturn_service.simulators.actions import Action
 from wrongturn_service.simulators.interface import (
+    Action,
     EpisodeEnd,
     Simulator,
     SimulatorDiedError,
@@ -19,7 +19,7 @@ from wrongturn_service.simulators.interface import (
     SimulatorStartError,
     StepResult,
 )
-from wrongturn_service.telemetry import Call
+from wrongturn_service.telemetry import Call, Telemetry
 
 ATTEMPTS: Final = 3
 """Simulators that may die in one call, or fail to start, before the episode is given up."""
@@ -46,110 +46,38 @@ def aborted_end(episode: OpenEpisode) -> EpisodeEnd:
 
 
 class EpisodeDriver:
-    """Begins, steps and aborts episodes. Callers hold the episode's lock."""
+    """Begins, steps and aborts episodes. Callers hold the episode's lock.
 
-    def __init__(
-        self,
-        pool: SimulatorPool,
-        queue: SimulatorQueue,
-        on_replay: Callable[[], None] = lambda: None,
-        on_simulated: Callable[[Call, float], None] = lambda _call, _seconds: None,
-    ) -> None:
-        """Create a driver without episodes.
+    Every call raises UnavailableError if the episode needs another simulator and other calls come first,
+    SimulatorsBusyError, SimulatorStartError, and ReplayFailedError. The episode stays open, so it can be sent again.
+    """
 
-        Args:
-            pool: The simulators.
-            queue: Decides which agent gets the next simulator.
-            on_replay: Called after each replay.
-            on_simulated: Called with each call to a simulator and the seconds it took.
-        """
+    def __init__(self, pool: SimulatorPool, queue: SimulatorQueue, telemetry: Telemetry) -> None:
         self._pool = pool
         self._queue = queue
-        self._on_simulated = on_simulated
-        self._on_replay = on_replay
+        self._telemetry = telemetry
         self._log = structlog.get_logger("driver")
 
     async def begin(self, episode: OpenEpisode, encoding: Encoding, call: str) -> StepResult:
-        """Reset an episode.
+        """Reset an episode. A ``call`` that is sent again keeps its place in the queue. Raises EpisodeRefusedError."""
 
-        Args:
-            episode: The episode.
-            encoding: Encoding of the observation.
-            call: Name of the request. A request that is sent again keeps its place in the queue.
-
-        Raises:
-            UnavailableError: Other calls come first.
-            EpisodeRefusedError, SimulatorsBusyError, SimulatorStartError, ReplayFailedError.
-        """
-        self._queue.enter(episode.holder, call)
-        episode.placed = True
-        try:
-            return await self._begin(episode, encoding)
-        except BaseException:
-            await self.detach(episode)
-            raise
-
-    async def _begin(self, episode: OpenEpisode, encoding: Encoding) -> StepResult:
-        trial = episode.trial.model_dump_json()
-        async for simulator in self._simulators(episode):
-            try:
-                result = await self._timed("reset", simulator.reset(trial, episode.track, b"", encoding))
-            except SimulatorDiedError as error:
-                self._log.warning("reset failed", trial=episode.trial.id, reason=str(error))
-                await self._pool.release(simulator)
-                continue
-            except BaseException:
-                await self._pool.release(simulator)
-                raise
-            episode.simulator = simulator
+        async def begun(_: Simulator, result: StepResult) -> StepResult:
             return result
-        raise ReplayFailedError(f"{ATTEMPTS} simulators failed to begin the episode")
+
+        return await self._in_another(episode, call, "reset", encoding, begun)
 
     async def step(self, episode: OpenEpisode, action: Action, encoding: Encoding) -> StepResult:
-        """Take one step.
-
-        Raises:
-            UnavailableError: The episode's simulator was given to another agent, and other calls come first.
-            SimulatorsBusyError: No simulator is free.
-            SimulatorStartError: No simulator starts. The episode stays open, so the step can be sent again.
-            ReplayFailedError.
-        """
-        simulator = episode.simulator
-        if simulator is not None:
-            try:
-                return await self._timed("step", simulator.step(action, encoding))
-            except SimulatorDiedError as error:
-                self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
-        return await self._in_another(episode, lambda found: self._timed("step", found.step(action, encoding)))
+        """Take one step."""
+        return await self._call(episode, "step", lambda simulator: simulator.step(action, encoding))
 
     async def view(self, episode: OpenEpisode) -> bytes:
-        """Return a picture of the episode's moment, as a pixmap.
-
-        Raises:
-            UnavailableError, SimulatorsBusyError, SimulatorStartError, ReplayFailedError: As :meth:`step`.
-        """
-        simulator = episode.simulator
-        if simulator is not None:
-            try:
-                return await self._timed("view", simulator.view())
-            except SimulatorDiedError as error:
-                self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
-        return await self._in_another(episode, lambda found: self._timed("view", found.view()))
+        """Return a picture of the episode's moment, as a pixmap."""
+        return await self._call(episode, "view", lambda simulator: simulator.view())
 
     async def abort(self, episode: OpenEpisode) -> EpisodeEnd:
-        """End an episode as ``aborted``. If every simulator fails, the end has no trajectory.
-
-        Raises:
-            UnavailableError: Other calls come first.
-        """
+        """End an episode as ``aborted``. If every simulator fails, the end has no trajectory."""
         try:
-            simulator = episode.simulator
-            if simulator is not None:
-                try:
-                    return await self._timed("abort", simulator.abort())
-                except SimulatorDiedError as error:
-                    self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
-            return await self._in_another(episode, lambda found: self._timed("abort", found.abort()))
+            return await self._call(episode, "abort", lambda simulator: simulator.abort())
         except (ReplayFailedError, SimulatorStartError):
             return aborted_end(episode)
 
@@ -167,12 +95,54 @@ class EpisodeDriver:
         if simulator is not None:
             await self._pool.release(simulator)
 
-    async def _timed(self, call: Call, answer: Awaitable[_T]) -> _T:
-        began = time.perf_counter()
+    async def _call(self, episode: OpenEpisode, kind: Call, ask: Callable[[Simulator], Awaitable[_T]]) -> _T:
+        if episode.simulator is not None:
+            try:
+                return await self._timed(kind, ask(episode.simulator))
+            except SimulatorDiedError as error:
+                self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
+        await self._release(episode)
+
+        async def replayed(simulator: Simulator, result: StepResult) -> _T:
+            if result.observation != episode.last.observation:
+                self._log.error("replay differs", episode=episode.id, seq=episode.seq)
+                raise SimulatorDiedError("its observation differs")
+            self._telemetry.replays.inc()
+            return await self._timed(kind, ask(simulator))
+
+        return await self._in_another(episode, episode.id, "replay", episode.last.encoding, replayed)
+
+    async def _in_another(
+        self,
+        episode: OpenEpisode,
+        place: str,
+        kind: Call,
+        encoding: Encoding,
+        go_on: Callable[[Simulator, StepResult], Awaitable[_T]],
+    ) -> _T:
+        """Begin or replay the episode in another simulator, and go on there.
+
+        An episode whose simulator died keeps its place in the queue, so that no other call gets in between.
+        """
+        if not episode.placed:
+            self._queue.enter(episode.holder, place)
+            episode.placed = True
+        trial, actions = episode.trial.model_dump_json(), bytes(episode.actions)
         try:
-            return await answer
-        finally:
-            self._on_simulated(call, time.perf_counter() - began)
+            async for simulator in self._simulators(episode):
+                episode.simulator = simulator
+                try:
+                    return await go_on(
+                        simulator, await self._timed(kind, simulator.reset(trial, episode.track, actions, encoding))
+                    )
+                except SimulatorDiedError as error:
+                    self._log.warning(f"{kind} failed", episode=episode.id, seq=episode.seq, reason=str(error))
+                    await self._release(episode)
+            verb = "begin" if kind == "reset" else kind
+            raise ReplayFailedError(f"{ATTEMPTS} simulators failed to {verb} the episode")
+        except BaseException:
+            await self.detach(episode)
+            raise
 
     async def _simulators(self, episode: OpenEpisode) -> AsyncIterator[Simulator]:
         """Yield up to :data:`ATTEMPTS` simulators. One that does not start counts as an attempt.
@@ -192,37 +162,9 @@ class EpisodeDriver:
             else:
                 yield simulator
 
-    async def _in_another(self, episode: OpenEpisode, call: Callable[[Simulator], Awaitable[_T]]) -> _T:
-        """Replay the episode in another simulator and make the call there.
-
-        An episode whose simulator died keeps its place, so that no other call gets in between.
-        """
-        await self._release(episode)
-        if not episode.placed:
-            self._queue.enter(episode.holder, episode.id)
-            episode.placed = True
+    async def _timed(self, call: Call, answer: Awaitable[_T]) -> _T:
+        began = time.perf_counter()
         try:
-            return await self._replayed(episode, call)
-        except BaseException:
-            if episode.simulator is None:
-                await self.detach(episode)
-            raise
-
-    async def _replayed(self, episode: OpenEpisode, call: Callable[[Simulator], Awaitable[_T]]) -> _T:
-        async for simulator in self._simulators(episode):
-            episode.simulator = simulator
-            try:
-                again = simulator.reset(
-                    episode.trial.model_dump_json(), episode.track, bytes(episode.actions), episode.last.encoding
-                )
-                result = await self._timed("replay", again)
-                if result.observation != episode.last.observation:
-                    self._log.error("replay differs", episode=episode.id, seq=episode.seq)
-                    await self._release(episode)
-                    continue
-                self._on_replay()
-                return await call(simulator)
-            except SimulatorDiedError as error:
-                self._log.warning("replay failed", episode=episode.id, seq=episode.seq, reason=str(error))
-                await self._release(episode)
-        raise ReplayFailedError(f"{ATTEMPTS} simulators failed to replay the episode")
+            return await answer
+        finally:
+            self._telemetry.simulated(call, time.perf_counter() - began)

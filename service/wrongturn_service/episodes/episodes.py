@@ -23,17 +23,17 @@ from wrongturn_service.encoding import Encoding, Reply, step_reply
 from wrongturn_service.episodes import refusals
 from wrongturn_service.episodes.driver import EpisodeDriver, ReplayFailedError, aborted_end
 from wrongturn_service.episodes.evaluations import RunningEvaluations, cancelled, finished
-from wrongturn_service.episodes.open_episode import LeaseLimits, OpenEpisode, Standing
-from wrongturn_service.episodes.registry import Registry
+from wrongturn_service.episodes.open_episode import OpenEpisode, Registry
 from wrongturn_service.errors import ConflictError, GoneError, UnavailableError
-from wrongturn_service.simulators.actions import ACTION, Action, rounded
-from wrongturn_service.simulators.interface import StepResult
+from wrongturn_service.simulators.interface import ACTION, Action, StepResult, rounded
 from wrongturn_service.storage.models import EpisodeRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.telemetry import Telemetry
 
 PATIENCE_S: Final = 20.0
 """Seconds to wait for resets in progress; less than a client waits for a reply."""
+LEASES_EVERY_S: Final = 1.0
+"""Seconds between two looks at the leases; less if one is shorter than four times that."""
 _LOOK_S: Final = 0.02
 _LOOKED_UP: Final = 4
 """Episodes that are looked up in the database at a time. More at once would only delay everything else."""
@@ -50,20 +50,29 @@ class Episodes:
         driver: EpisodeDriver,
         evaluations: RunningEvaluations,
         registry: Registry,
-        lease_limits: LeaseLimits,
         telemetry: Telemetry,
+        *,
+        release_s: float,
+        abort_s: float,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        """Begin without open episodes.
+
+        An agent that is silent for ``release_s`` seconds loses its simulator, which is rebuilt when it comes back.
+        After ``abort_s`` seconds its episode ends as ``aborted``.
+        """
         self.registry = registry
+        self.abort_s = abort_s
+        self.clock = clock
         self.stopping = False
         """Whether new episodes are refused."""
         self._store = store
         self._driver = driver
         self._evaluations = evaluations
-        self._lease_limits = lease_limits
+        self._release_s = release_s
         self._telemetry = telemetry
         self._looking_up = asyncio.Semaphore(_LOOKED_UP)
-        self._steps: set[asyncio.Task[None]] = set()
-        self._lease_checks: set[asyncio.Task[None]] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
         self._log = structlog.get_logger("episodes")
 
     @property
@@ -74,22 +83,26 @@ class Episodes:
     @property
     def held(self) -> int:
         """Number of open episodes that have a simulator."""
-        return self.registry.held
+        return sum(episode.simulator is not None for episode in self.registry.values())
 
     def is_open(self, episode_id: str) -> bool:
         """Return whether an episode is open."""
-        return self.registry.get(episode_id) is not None
+        return episode_id in self.registry
+
+    def silence_s(self, episode: OpenEpisode) -> float:
+        """Return the seconds since an open episode's last call; 0 while one is being answered."""
+        return 0.0 if episode.lock.locked() else self.clock() - episode.heard
 
     def driven(self, within_s: float) -> int:
         """Return how many open episodes had a call within the last ``within_s`` seconds."""
-        return sum(episode.lock.locked() or episode.lease.silence_s < within_s for episode in self.registry)
+        return sum(self.silence_s(episode) < within_s for episode in self.registry.values())
 
     async def stop(self) -> None:
         """Refuse new episodes and cancel the work in the background. The next start marks open episodes as lost."""
         self.stopping = True
-        for task in self._lease_checks:
+        for task in self._tasks:
             task.cancel()
-        await asyncio.gather(*self._lease_checks, return_exceptions=True)
+        await asyncio.gather(*self._tasks, return_exceptions=True)
 
     # Steps
 
@@ -109,18 +122,21 @@ class Episodes:
         refusals.check_holder(caller.holder, episode)  # before the lock, which a stranger must not take
         bind_contextvars(episode=episode_id, evaluation=episode.evaluation)
         async with episode.lock:
-            episode.lease.renew()
+            episode.heard = self.clock()
             if episode.closed:
                 return await self._stored_step(caller, episode_id, request.seq, action, encoding)
             if refusals.check_step(episode, caller.holder, request.seq):
-                if not await self._count(episode):
+                if not episode.counts:
+                    # Noted before the step. False if the evaluation was closed before that.
+                    episode.counts = await self._store.drive_evaluation(str(episode.evaluation))
+                if not episode.counts:
                     return await self._stored_step(caller, episode_id, request.seq, action, encoding)
                 await self._take(episode, action, encoding)
             else:
                 refusals.check_same(episode_id, request.seq, action, episode.last_action)
             if episode.end is not None:
                 await self._settle(episode)
-            episode.lease.renew()
+            episode.heard = self.clock()
             return episode.last.render(encoding)
 
     def begin_step(
@@ -132,14 +148,16 @@ class Episodes:
             Whether the step was begun. If not, nothing has happened; :meth:`step` says why.
         """
         episode = self.registry.get(episode_id)
-        if episode is None or not episode.counts or not refusals.is_next_step(episode, holder, seq):
+        if episode is None or episode.holder != holder or not episode.counts:
             return False
         simulator = episode.simulator
-        if simulator is None or simulator.dead or not episode.locked_now():
+        if seq != episode.seq + 1 or episode.end is not None or simulator is None or simulator.dead:
             return False
-        episode.lease.renew()
+        if not episode.locked_now():
+            return False
+        episode.heard = self.clock()
         began = time.perf_counter()
-        under_way = simulator.begin_step(action, encoding)
+        under_way = simulator.step(action, encoding)
         under_way.add_done_callback(partial(self._stepped, episode, action, encoding, began, done))
         return True
 
@@ -154,13 +172,13 @@ class Episodes:
     ) -> None:
         seconds = time.perf_counter() - began
         if under_way.cancelled() or under_way.exception() is not None:
-            self._spawn(self._finish(episode, action, encoding, done, None), self._steps)
+            self._spawn(self._finish(episode, action, encoding, done, None))
             return
         self._note(episode, action, under_way.result(), encoding)
         if episode.end is not None:
-            self._spawn(self._finish(episode, action, encoding, done, seconds), self._steps)
+            self._spawn(self._finish(episode, action, encoding, done, seconds))
             return
-        episode.lease.renew()
+        episode.heard = self.clock()
         episode.lock.release()
         done(episode.last, seconds)
 
@@ -178,7 +196,7 @@ class Episodes:
                 await self._driver.detach(episode)
             if episode.end is not None:
                 await self._settle(episode)
-            episode.lease.renew()
+            episode.heard = self.clock()
             outcome = episode.last
         except Exception as error:
             outcome = error
@@ -196,6 +214,7 @@ class Episodes:
             await self._driver.detach(episode)
 
     def _note(self, episode: OpenEpisode, action: Action, result: StepResult, encoding: Encoding) -> None:
+        practice = episode.evaluation is None
         episode.actions += ACTION.pack(*action)
         episode.last = step_reply(
             len(episode.actions) // ACTION.size,
@@ -204,16 +223,10 @@ class Episodes:
             episode.track,
             terminated=result.terminated,
             truncated=result.truncated,
-            reward=result.reward if episode.practice else None,
-            verdict=result.final.outcome.verdict if episode.practice and result.final is not None else None,
+            reward=result.reward if practice else None,
+            verdict=result.final.outcome.verdict if practice and result.final is not None else None,
         )
         episode.end = result.final
-
-    async def _count(self, episode: OpenEpisode) -> bool:
-        """Note before a step that the evaluation counts. Return False if it was closed before that."""
-        if not episode.counts and episode.evaluation is not None:
-            episode.counts = await self._store.drive_evaluation(episode.evaluation)
-        return episode.counts
 
     async def _stored_step(
         self, caller: Caller, episode_id: str, seq: int, action: Action, encoding: Encoding
@@ -238,7 +251,7 @@ class Episodes:
         refusals.check_holder(caller.holder, episode)
         refusals.check_view(episode_id, episode.evaluation)
         async with episode.lock:
-            episode.lease.renew()
+            episode.heard = self.clock()
             if episode.closed or episode.end is not None:
                 return None
             try:
@@ -250,7 +263,7 @@ class Episodes:
         """Return an episode's row. If it is open, wait for its step in progress and renew its lease."""
         episode = self.registry.get(episode_id)
         if episode is not None and episode.holder == caller.holder:
-            episode.lease.renew()
+            episode.heard = self.clock()
             # An agent that comes back after a crash has to see the result.
             async with episode.lock:
                 pass
@@ -293,7 +306,7 @@ class Episodes:
         episode = self.registry.get(episode_id)
         if episode is not None:
             refusals.check_holder(caller.holder, episode)
-            episode.lease.renew()
+            episode.heard = self.clock()
             async with episode.lock:
                 await self._abort(episode)
         row = await self._row(caller, episode_id)
@@ -315,7 +328,7 @@ class Episodes:
             evaluations: Ids of evaluations.
             holders: Ids of agents and submissions.
         """
-        for episode in self.registry:
+        for episode in list(self.registry.values()):
             if episode.evaluation in evaluations or episode.holder in holders:
                 async with episode.lock:
                     if not episode.closed:
@@ -331,7 +344,7 @@ class Episodes:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(patience_s):
                 while True:
-                    for episode in self.registry:
+                    for episode in list(self.registry.values()):
                         if episode.holder == submission:
                             async with episode.lock:
                                 await self._lose(episode)
@@ -405,7 +418,8 @@ class Episodes:
         if episode.closed:
             return
         episode.closed = True
-        self.registry.remove(episode)
+        del self.registry[episode.id]
+        self.registry.give_back(episode.payer, practice=episode.evaluation is None)
         await self._driver.detach(episode)
 
     # Leases
@@ -413,38 +427,38 @@ class Episodes:
     async def watch_leases(self) -> None:
         """Check every lease at regular intervals until cancelled."""
         while True:
-            await asyncio.sleep(self._lease_limits.period_s)
-            for episode in self.registry:
-                standing = episode.lease.standing
-                released = standing is Standing.RELEASE and not episode.placed
-                if episode.lock.locked() or (episode.end is None and (released or standing is Standing.HELD)):
-                    continue
-                self._spawn(self._look_after(episode), self._lease_checks)
+            await asyncio.sleep(min(LEASES_EVERY_S, self._release_s / 4, self.abort_s / 4))
+            for episode in self.registry.values():
+                silence_s = self.silence_s(episode)
+                if silence_s >= (self._release_s if episode.placed else self.abort_s) or (
+                    episode.end is not None and not episode.lock.locked()
+                ):
+                    self._spawn(self._look_after(episode))
 
     async def _look_after(self, episode: OpenEpisode) -> None:
         """Release a silent agent's simulator, later abort its episode; store an end that the database refused."""
         # If other calls come first, the episode waits in the queue until the next check; its agent may still come back.
         with contextlib.suppress(UnavailableError):
             async with episode.lock:
-                standing = episode.lease.standing
+                silence_s = self.clock() - episode.heard
                 if episode.closed:
                     return
                 if episode.end is not None:
                     with contextlib.suppress(SQLAlchemyError):
                         await self._settle(episode)
-                elif standing is Standing.EXPIRED:
+                elif silence_s >= self.abort_s:
                     await self._abort(episode)
                     self._telemetry.expired.inc()
-                elif standing is Standing.RELEASE:
+                elif silence_s >= self._release_s:
                     await self._driver.detach(episode)
 
-    def _spawn(self, work: Coroutine[Any, Any, None], tasks: set[asyncio.Task[None]]) -> None:
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.get_running_loop().create_task(work)
-        tasks.add(task)
-        task.add_done_callback(partial(self._worked, tasks))
+        self._tasks.add(task)
+        task.add_done_callback(self._worked)
 
-    def _worked(self, tasks: set[asyncio.Task[None]], task: "asyncio.Task[None]") -> None:
-        tasks.discard(task)
+    def _worked(self, task: "asyncio.Task[None]") -> None:
+        self._tasks.discard(task)
         if not task.cancelled() and task.exception() is not None:
             self._log.error("background work failed", reason=repr(task.exception()))
 

@@ -1,67 +1,16 @@
-"""An open episode in memory: enough to replay it in another simulator, and its agent's lease on it."""
+"""An open episode in memory: enough to replay it in another simulator. And how many somebody may have open."""
 
 import asyncio
-import time
-from collections.abc import Callable
+from collections import Counter
 from dataclasses import dataclass, field
-from enum import Enum, auto
 
-from wrongturn_protocol import Track, Trial
+from wrongturn_protocol import ProblemType, Track, Trial
+from wrongturn_service.counting import one_less
 from wrongturn_service.encoding import Reply
-from wrongturn_service.simulators.actions import ACTION, Action
-from wrongturn_service.simulators.interface import EpisodeEnd, Simulator
+from wrongturn_service.errors import UnavailableError
+from wrongturn_service.simulators.interface import ACTION, Action, EpisodeEnd, Simulator
 
-
-class Standing(Enum):
-    """What an agent's silence leads to."""
-
-    HELD = auto()
-    """The agent keeps its simulator."""
-    RELEASE = auto()
-    """The simulator is released. It is rebuilt when the agent comes back."""
-    EXPIRED = auto()
-    """The episode ends as ``aborted``."""
-
-
-@dataclass(frozen=True)
-class LeaseLimits:
-    """Limits of an agent's silence."""
-
-    release_s: float
-    """Seconds after which the simulator is released: ``WRONGTURN_LEASE_RELEASE_S``, 10 by default."""
-    abort_s: float
-    """Seconds after which the episode is aborted: ``WRONGTURN_LEASE_ABORT_S``, 600 by default."""
-
-    @property
-    def period_s(self) -> float:
-        """Seconds between two checks: at most a quarter of the shorter limit."""
-        return min(1.0, self.release_s / 4, self.abort_s / 4)
-
-
-class Lease:
-    """One agent's hold on one episode."""
-
-    def __init__(self, limits: LeaseLimits, clock: Callable[[], float] = time.monotonic) -> None:
-        self._limits = limits
-        self._clock = clock
-        self._heard = clock()
-
-    def renew(self) -> None:
-        """Start the agent's time of silence anew."""
-        self._heard = self._clock()
-
-    @property
-    def silence_s(self) -> float:
-        """Seconds since the agent last sent something."""
-        return self._clock() - self._heard
-
-    @property
-    def standing(self) -> Standing:
-        """What the silence leads to now."""
-        silence = self.silence_s
-        if silence >= self._limits.abort_s:
-            return Standing.EXPIRED
-        return Standing.RELEASE if silence >= self._limits.release_s else Standing.HELD
+_COME_BACK_S = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,18 +32,19 @@ class OpenEpisode:
     id: str
     payer: Payer
     evaluation: str | None
-    """Id of the evaluation, None in practice."""
+    """Id of the evaluation, None in practice, which is never scored."""
     trial: Trial
     track: Track
     last: Reply
     """The last reply."""
-    lease: Lease
+    heard: float
+    """When its agent last sent something, by the clock of its lease."""
+    counts: bool
+    """Whether the evaluation is known to have had a step, so that it counts; true in practice."""
     actions: bytearray = field(default_factory=bytearray)
     """All actions so far, little-endian float32 [n, 3]."""
     simulator: Simulator | None = None
     """None while it is released or dead."""
-    counts: bool = False
-    """Whether the evaluation is known to have had a step, so that it counts; true in practice."""
     placed: bool = False
     """Whether the episode holds a place of the queue, with or without a simulator."""
     end: EpisodeEnd | None = None
@@ -112,11 +62,6 @@ class OpenEpisode:
     def holder(self) -> str:
         """Id of who drives it: the agent, or the submission whose runner does."""
         return self.payer.holder
-
-    @property
-    def practice(self) -> bool:
-        """Whether the episode is practice, which is never scored."""
-        return self.evaluation is None
 
     @property
     def last_action(self) -> Action | None:
@@ -137,3 +82,85 @@ class OpenEpisode:
             return True
         attempt.close()  # another task was just woken to take it
         return False
+
+
+@dataclass(frozen=True, slots=True)
+class Most:
+    """How many episodes somebody may have open."""
+
+    open: int
+    practice: int
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits on open episodes."""
+
+    evaluation: int
+    """Episodes of one evaluation."""
+    agent: Most
+    """Episodes of one agent, or of the runner of a submission."""
+    owner: Most
+    """Episodes of all agents of one owner."""
+    address: Most
+    """Episodes that one address has begun."""
+
+
+class Registry(dict[str, OpenEpisode]):
+    """Open episodes by id. An episode counts from :meth:`reserve` on, before it is open."""
+
+    def __init__(self, limits: Limits) -> None:
+        super().__init__()
+        self.limits = limits
+        self._all: Counter[str] = Counter()
+        """Open episodes by holder, owner and address. An id never looks like an address."""
+        self._practice: Counter[str] = Counter()
+
+    def of(self, evaluation_id: str) -> list[OpenEpisode]:
+        """Return the open episodes of an evaluation."""
+        return [episode for episode in self.values() if episode.evaluation == evaluation_id]
+
+    def count(self, holder: str) -> int:
+        """Return how many episodes somebody drives, with those that are just being opened."""
+        return self._all[holder]
+
+    def reserve(self, payer: Payer, *, practice: bool) -> None:
+        """Count an episode that is about to be opened.
+
+        Raises:
+            UnavailableError: The agent, its owner or its address has reached a limit.
+        """
+        limits = self.limits
+        for who, name, most in (
+            (payer.holder, "agent", limits.agent),
+            (payer.owner, "owner", limits.owner),
+            (payer.address, "address", limits.address),
+        ):
+            if who is not None and practice and self._practice[who] >= most.practice:
+                raise _too_many(name, f"{most.practice} practice episodes")
+            if who is not None and self._all[who] >= most.open:
+                raise _too_many(name, f"{most.open} episodes")
+        self._all.update(_names(payer))
+        if practice:
+            self._practice.update(_names(payer))
+
+    def give_back(self, payer: Payer, *, practice: bool) -> None:
+        """Take back a reservation, also that of an episode that was opened and is closed now."""
+        for who in _names(payer):
+            one_less(self._all, who)
+            if practice:
+                one_less(self._practice, who)
+
+
+def _names(payer: Payer) -> list[str]:
+    return [who for who in (payer.holder, payer.owner, payer.address) if who is not None]
+
+
+def _too_many(who: str, which: str) -> UnavailableError:
+    return UnavailableError(
+        ProblemType.RATE_LIMITED,
+        f"this {who} has {which} open, which is the limit; finish one or DELETE it",
+        retry_after_s=_COME_BACK_S,
+        status=429,
+        position=1,
+    )

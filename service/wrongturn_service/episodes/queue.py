@@ -8,7 +8,7 @@ from typing import Final
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.errors import UnavailableError
-from wrongturn_service.simulators.turns import in_turn
+from wrongturn_service.simulators.interface import in_turn
 
 LONGEST_S: Final = 10
 """Longest Retry-After, seconds."""

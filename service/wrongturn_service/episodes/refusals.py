@@ -2,8 +2,8 @@
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.episodes.open_episode import OpenEpisode
-from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundError, ServiceError, UnavailableError
-from wrongturn_service.simulators.actions import Action
+from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundError, UnavailableError
+from wrongturn_service.simulators.interface import Action
 
 
 def check_step(episode: OpenEpisode, holder: str, seq: int) -> bool:
@@ -24,14 +24,6 @@ def check_step(episode: OpenEpisode, holder: str, seq: int) -> bool:
     if seq != episode.seq + 1:
         raise _gap(episode.id, seq, episode.seq)
     return True
-
-
-def is_next_step(episode: OpenEpisode, holder: str, seq: int) -> bool:
-    """Return whether :func:`check_step` takes a step as the next one."""
-    try:
-        return check_step(episode, holder, seq)
-    except ServiceError:
-        return False
 
 
 def check_holder(holder: str, episode: OpenEpisode) -> None:

@@ -14,10 +14,9 @@ from wrongturn_service.encoding import Encoding, Reply, reset_reply
 from wrongturn_service.episodes.driver import EpisodeDriver, ReplayFailedError
 from wrongturn_service.episodes.episodes import PATIENCE_S, Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations, finished, unknown
-from wrongturn_service.episodes.open_episode import Lease, LeaseLimits, OpenEpisode, Payer
+from wrongturn_service.episodes.open_episode import OpenEpisode, Payer
 from wrongturn_service.episodes.refusals import stopping
 from wrongturn_service.errors import ConflictError, ServiceError, UnavailableError
-from wrongturn_service.simulators.shared_memory import ObservationView
 from wrongturn_service.storage.evaluations import EvaluationOverError
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
 from wrongturn_service.storage.store import Store
@@ -33,21 +32,18 @@ class InProgress:
     """
 
     def __init__(self) -> None:
-        self._in_progress: dict[str, set[asyncio.Event]] = {}
+        self._resets: set[tuple[str, asyncio.Future[None]]] = set()
 
     @contextlib.contextmanager
     def one(self, evaluation_id: str) -> Iterator[None]:
         """Count a reset as in progress until the block ends."""
-        over = asyncio.Event()
-        others = self._in_progress.setdefault(evaluation_id, set())
-        others.add(over)
+        reset = evaluation_id, asyncio.get_running_loop().create_future()
+        self._resets.add(reset)
         try:
             yield
         finally:
-            over.set()
-            others.discard(over)
-            if not others:
-                self._in_progress.pop(evaluation_id, None)
+            self._resets.discard(reset)
+            reset[1].set_result(None)
 
     async def over(self, evaluation_id: str, patience_s: float = PATIENCE_S) -> None:
         """Wait until the evaluation's resets in progress have ended.
@@ -55,16 +51,13 @@ class InProgress:
         Raises:
             UnavailableError: They take too long.
         """
-        try:
-            async with asyncio.timeout(patience_s):
-                for event in list(self._in_progress.get(evaluation_id, ())):
-                    await event.wait()
-        except TimeoutError as error:
+        begun = [over for evaluation, over in self._resets if evaluation == evaluation_id]
+        if begun and (await asyncio.wait(begun, timeout=patience_s))[1]:
             raise UnavailableError(
                 ProblemType.SIMULATORS_BUSY,
                 f"an episode of evaluation {evaluation_id} is being begun; ask again",
                 retry_after_s=1,
-            ) from error
+            )
 
 
 Remember = Callable[[bytes], IdempotencyRow] | None
@@ -80,6 +73,8 @@ class _Wanted:
     """The address that the request comes from."""
     evaluation: str | None
     """Id of the evaluation, None for practice."""
+    counts: bool
+    """Whether the evaluation is known to have had a step; true for practice."""
     trial: Trial
     encoding: Encoding
     """Encoding of the reply."""
@@ -87,34 +82,18 @@ class _Wanted:
     call: str
     """Name of the request. A request that is sent again keeps its place in the queue."""
 
-    @property
-    def practice(self) -> bool:
-        return self.evaluation is None
-
-    @property
-    def payer(self) -> Payer:
-        runner = self.caller.submission is not None
-        return Payer(self.caller.holder, self.caller.owner, None if runner else self.address)
-
 
 class Resets:
     """Begins episodes."""
 
     def __init__(
-        self,
-        store: Store,
-        driver: EpisodeDriver,
-        evaluations: RunningEvaluations,
-        episodes: Episodes,
-        lease_limits: LeaseLimits,
+        self, store: Store, driver: EpisodeDriver, evaluations: RunningEvaluations, episodes: Episodes
     ) -> None:
         self.in_progress = InProgress()
         self._store = store
         self._driver = driver
         self._evaluations = evaluations
         self._episodes = episodes
-        self._registry = episodes.registry
-        self._lease_limits = lease_limits
 
     async def next(
         self,
@@ -140,7 +119,7 @@ class Resets:
         if schedule.finished:
             await self._evaluations.finish_if_done(evaluation.id)
             raise finished(evaluation.id)
-        limit = self._registry.limits.evaluation
+        limit = self._episodes.registry.limits.evaluation
         trial = schedule.take() if schedule.open < limit else None
         if trial is None:
             raise ConflictError(
@@ -149,10 +128,9 @@ class Resets:
                 "and its twin never together; finish one or ask again later",
                 headers={"Retry-After": "1"},
             )
+        counts, call = evaluation.driven is not None, f"{evaluation.id} {key}"
         try:
-            call = f"{evaluation.id} {key}"
-            wanted = _Wanted(caller, address, evaluation.id, trial, encoding, remember, call)
-            body = await self._begin(wanted, counts=evaluation.driven is not None)
+            body = await self._begin(_Wanted(caller, address, evaluation.id, counts, trial, encoding, remember, call))
         except EvaluationOverError as error:
             raise await self._over(evaluation.id) from error
         except BaseException:
@@ -179,40 +157,43 @@ class Resets:
         """
         self._check_stopping()
         await self._store.check_room(caller.owner, reserve_of([trial]))
-        wanted = _Wanted(caller, address, None, trial, encoding, remember, f"practice {key}")
-        return await self._begin(wanted, counts=True)
+        return await self._begin(_Wanted(caller, address, None, True, trial, encoding, remember, f"practice {key}"))
 
     def _check_stopping(self) -> None:
         if self._episodes.stopping:
             raise stopping()
 
-    async def _begin(self, wanted: _Wanted, *, counts: bool) -> bytes:
-        self._registry.reserve(wanted.payer, practice=wanted.practice)
+    async def _begin(self, wanted: _Wanted) -> bytes:
+        caller, registry = wanted.caller, self._episodes.registry
+        runner = caller.submission is not None
+        payer = Payer(caller.holder, caller.owner, None if runner else wanted.address)
+        registry.reserve(payer, practice=wanted.evaluation is None)
         try:
-            return await self._open(wanted, counts=counts)
+            return await self._open(wanted, payer)
         except BaseException:
-            self._registry.give_back(wanted.payer, practice=wanted.practice)
+            registry.give_back(payer, practice=wanted.evaluation is None)
             raise
 
-    async def _open(self, wanted: _Wanted, *, counts: bool) -> bytes:
+    async def _open(self, wanted: _Wanted, payer: Payer) -> bytes:
         trial, track, encoding = wanted.trial, wanted.caller.track, wanted.encoding
+        practice = wanted.evaluation is None
         episode_id = new_id("ep")
         bind_contextvars(episode=episode_id, evaluation=wanted.evaluation)
-        lease = Lease(self._lease_limits)
 
-        def reply(observation: bytes | ObservationView) -> Reply:
+        def reply(observation: bytes) -> Reply:
             return reset_reply(
                 episode_id,
                 observation,
                 encoding,
                 track,
-                town=trial.town if wanted.practice or track is Track.PRIVILEGED else None,
-                trial=trial.id if wanted.practice else None,
-                lease_s=self._lease_limits.abort_s,
+                town=trial.town if practice or track is Track.PRIVILEGED else None,
+                trial=trial.id if practice else None,
+                lease_s=self._episodes.abort_s,
             )
 
-        episode = OpenEpisode(episode_id, wanted.payer, wanted.evaluation, trial, track, reply(b""), lease)
-        episode.counts = counts
+        episode = OpenEpisode(
+            episode_id, payer, wanted.evaluation, trial, track, reply(b""), self._episodes.clock(), wanted.counts
+        )
         async with episode.lock:
             try:
                 result = await self._driver.begin(episode, encoding, wanted.call)
@@ -230,13 +211,13 @@ class Resets:
                 state=EpisodeState.OPEN.value,
                 created=time.time(),
                 steps=0,
-                stored_bytes=reserve_of([trial]) if wanted.practice else 0,
+                stored_bytes=reserve_of([trial]) if practice else 0,
             )
             try:
                 await self._store.add_episode(row, wanted.remember(body) if wanted.remember is not None else None)
             except BaseException:
                 await self._driver.detach(episode)
                 raise
-            lease.renew()
-            self._registry.add(episode)
+            episode.heard = self._episodes.clock()
+            self._episodes.registry[episode_id] = episode
         return body

@@ -7,7 +7,6 @@ from wrongturn_service.machine import Machine
 from wrongturn_service.settings import Settings
 from wrongturn_service.simulators.local_pool import COMMAND
 from wrongturn_service.simulators.local_simulator import LocalSimulator
-from wrongturn_service.simulators.memory import memory_of
 
 _MIB = 2**20
 
@@ -37,7 +36,7 @@ async def _examine(settings: Settings) -> str:
     )
     try:
         seconds = time.monotonic() - began
-        memory = memory_of(simulator.process.pid)
+        memory = simulator.memory()
     finally:
         await simulator.close()
     count = settings.simulators + settings.spare_simulators

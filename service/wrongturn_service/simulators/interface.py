@@ -10,22 +10,50 @@
 """
 
 import asyncio
+import struct
 from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Final, TypeVar
 
 from wrongturn_protocol import Outcome, Track
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.simulators.actions import ACTION, Action
-from wrongturn_service.simulators.shared_memory import ObservationView
+
+_T = TypeVar("_T")
+Action = tuple[float, float, float]
+"""Steer, throttle, brake, each a float32: values that round to the same ones are the same action."""
+ACTION: Final = struct.Struct("<3f")
+"""Little-endian float32: steer, throttle, brake."""
+
+
+def rounded(steer: float, throttle: float, brake: float) -> Action:
+    """Return the action as it is driven."""
+    triple: Action = ACTION.unpack(ACTION.pack(steer, throttle, brake))
+    return triple
 
 
 def replay_s(actions: bytes) -> float:
-    """Return the seconds that a simulator gets to repeat actions, on top of those for any call.
+    """Return the seconds that a simulator gets to repeat packed actions, on top of those for any call."""
+    return 0.02 * (len(actions) // ACTION.size)
+
+
+def in_turn(held: Mapping[str, int], waiting: Iterable[tuple[str, _T]]) -> list[_T]:
+    """Return waiting calls, the next one first.
+
+    The agent with fewer simulators comes first; each of its own earlier calls counts as a simulator. Among equals the
+    earlier call comes first. So an agent that asks for a hundred simulators does not block one that asks for its first.
 
     Args:
-        actions: little-endian float32 [n, 3]; a journey has thousands.
+        held: number of simulators that each agent has.
+        waiting: agent and call, in order of arrival.
     """
-    return 0.02 * (len(actions) // ACTION.size)
+    counted = Counter(held)
+    ranked = []
+    for agent, call in waiting:
+        ranked.append((counted[agent], call))
+        counted[agent] += 1
+    return [call for _, call in sorted(ranked, key=lambda one: one[0])]  # equals stay in order of arrival
 
 
 class SimulatorError(Exception):
@@ -74,7 +102,7 @@ class EpisodeEnd:
 class StepResult:
     """Result of a reset or a step. Treat it as frozen: Python's own check takes too long here."""
 
-    observation: bytes | ObservationView
+    observation: bytes
     """Encoded for the wire."""
     reward: float
     terminated: bool
@@ -83,7 +111,7 @@ class StepResult:
 
 
 class Simulator(ABC):
-    """One simulation, which drives one episode at a time."""
+    """One simulation, which drives one episode at a time. All calls raise SimulatorDiedError."""
 
     @property
     @abstractmethod
@@ -101,28 +129,29 @@ class Simulator(ABC):
             encoding: of the observation.
 
         Raises:
-            SimulatorDiedError, EpisodeRefusedError.
+            EpisodeRefusedError.
         """
 
     @abstractmethod
-    async def step(self, action: Action, encoding: Encoding) -> StepResult:
-        """Drive one decision. Raises SimulatorDiedError."""
-
-    def begin_step(self, action: Action, encoding: Encoding) -> "asyncio.Future[StepResult]":
-        """Begin a step, if possible without a task. The future must not be cancelled."""
-        return asyncio.ensure_future(self.step(action, encoding))
+    def step(self, action: Action, encoding: Encoding) -> "asyncio.Future[StepResult]":
+        """Drive one decision. Whoever cancels the future has to give the simulator up."""
 
     @abstractmethod
     async def view(self) -> bytes:
-        """Return a picture of the moment for people, as a pixmap. Raises SimulatorDiedError."""
+        """Return a picture of the moment for people, as a pixmap."""
 
     @abstractmethod
     async def abort(self) -> EpisodeEnd:
-        """End the episode as ``aborted``. Raises SimulatorDiedError."""
+        """End the episode as ``aborted``."""
 
 
 class SimulatorPool(ABC):
     """A bounded number of simulators."""
+
+    slots: int
+    """Number of simulators that can drive at a time."""
+    failure: str | None = None
+    """Why the last start of a simulator failed; None if it did not."""
 
     @abstractmethod
     async def start(self) -> None:
@@ -136,9 +165,7 @@ class SimulatorPool(ABC):
     async def acquire(self, town: str, agent: str) -> Simulator:
         """Return a simulator for the caller alone, preferably one that has the town loaded.
 
-        Args:
-            town: where it will drive.
-            agent: for whom. Of two calls that wait for a start, that of the agent with fewer simulators comes first.
+        Of two calls that wait for a start, that of the agent with fewer simulators comes first.
 
         Raises:
             SimulatorsBusyError, SimulatorStartError.
@@ -150,29 +177,19 @@ class SimulatorPool(ABC):
 
     @property
     @abstractmethod
-    def slots(self) -> int:
-        """Number of simulators that can drive at a time."""
+    def running(self) -> int:
+        """Number of simulators that are started or being started."""
 
     @property
     @abstractmethod
-    def running(self) -> int:
-        """Number of simulators that are started or being started."""
+    def busy(self) -> int:
+        """Number of simulators that are acquired."""
 
     @property
     def idle(self) -> int:
         """Number of simulators that are ready and not acquired."""
         return self.running - self.busy
 
-    @property
-    def failure(self) -> str | None:
-        """Why the last start of a simulator failed; None if it did not."""
-        return None
-
     def memory(self) -> int:
         """Return the memory of all simulators, bytes, what they share counted once. Takes a while."""
         return 0
-
-    @property
-    @abstractmethod
-    def busy(self) -> int:
-        """Number of simulators that are acquired."""

@@ -18,10 +18,9 @@ from wrongturn_service.simulators.interface import (
     SimulatorPool,
     SimulatorsBusyError,
     SimulatorStartError,
+    in_turn,
 )
 from wrongturn_service.simulators.local_simulator import LocalSimulator
-from wrongturn_service.simulators.memory import memory_of
-from wrongturn_service.simulators.turns import in_turn
 
 COMMAND = (sys.executable, "-m", "wrongturn_service.simulators")
 """Command of a simulator process; :meth:`LocalSimulator.start` adds its arguments."""
@@ -36,15 +35,11 @@ LONGEST_PAUSE_S: Final = 60.0
 
 @dataclass(slots=True, eq=False)
 class _Waiting:
-    """A call that waits for a simulator.
-
-    Attributes:
-        agent: for whom.
-        look: done when the call has to look again whether it is its turn.
-    """
+    """An agent's call that waits for a simulator."""
 
     agent: str
-    look: asyncio.Future[None]
+    town: str
+    simulator: "asyncio.Future[LocalSimulator]"
 
 
 class LocalPool(SimulatorPool):
@@ -72,7 +67,7 @@ class LocalPool(SimulatorPool):
             command: starts a process.
             on_death: called for each process that is found dead.
         """
-        self._slots = slots
+        self.slots = slots
         self._spare = spare
         self._start_timeout_s = start_timeout_s
         self._timeout_s = timeout_s
@@ -90,13 +85,7 @@ class LocalPool(SimulatorPool):
         self._resumed = -math.inf
         self._town = ""
         self._stopping = False
-        self._failure: str | None = None
         self._log = structlog.get_logger("pool")
-
-    @property
-    @override
-    def slots(self) -> int:
-        return self._slots
 
     @property
     @override
@@ -113,14 +102,9 @@ class LocalPool(SimulatorPool):
     def idle(self) -> int:
         return len(self._idle)
 
-    @property
-    @override
-    def failure(self) -> str | None:
-        return self._failure
-
     @override
     def memory(self) -> int:
-        return sum(memory_of(simulator.process.pid) for simulator in [*self._idle, *self._busy])
+        return sum(simulator.memory() for simulator in [*self._idle, *self._busy])
 
     @override
     async def start(self) -> None:
@@ -144,50 +128,31 @@ class LocalPool(SimulatorPool):
             self._pause()
         for simulator in dead:
             await self._close_dead(simulator)
-        if self.busy >= self._slots:
-            raise SimulatorsBusyError(f"all {self._slots} simulators are busy")
-        simulator = await self._reserve(town, agent)
-        simulator.town = self._town = town
-        self._busy[simulator] = agent
+        if self.busy >= self.slots:
+            raise SimulatorsBusyError(f"all {self.slots} simulators are busy")
+        waiting = _Waiting(agent, town, asyncio.get_running_loop().create_future())
+        self._waiting.append(waiting)
+        self._hand_out()
+        try:
+            ready, _ = await asyncio.wait([waiting.simulator], timeout=START_WAIT_S)
+        except asyncio.CancelledError:
+            if waiting in self._waiting:
+                self._waiting.remove(waiting)
+            elif waiting.simulator.exception() is None:
+                await self.release(waiting.simulator.result())
+            raise
+        if not ready:
+            count, position = len(self._waiting), self._line().index(waiting) + 1
+            self._waiting.remove(waiting)
+            raise SimulatorsBusyError(f"{count} calls wait for simulators that are being started", position)
+        simulator = waiting.simulator.result()
+        self._town = town
         self._start_spare()
         return simulator
 
-    async def _reserve(self, town: str, agent: str) -> LocalSimulator:
-        """Reserve a slot, and return the first simulator that is ready when it is the agent's turn.
-
-        Raises:
-            SimulatorStartError: a simulator that was started meanwhile did not get ready.
-            SimulatorsBusyError: none is ready in time; the start goes on.
-        """
-        loop = asyncio.get_running_loop()
-        deadline = loop.time() + START_WAIT_S
-        waiting = _Waiting(agent, loop.create_future())
-        self._waiting.append(waiting)
-        try:
-            while True:
-                simulator = self._take_idle(town, waiting)
-                if simulator is not None:
-                    return simulator
-                if len(self._starting) < len(self._waiting) and self.running < self._slots + self._spare:
-                    self._begin_start(spare=False)
-                waiting.look = loop.create_future()
-                try:
-                    await asyncio.wait_for(waiting.look, deadline - loop.time())
-                except TimeoutError:
-                    raise SimulatorsBusyError(
-                        f"{len(self._waiting)} calls wait for simulators that are being started",
-                        self._position(waiting),
-                    ) from None
-        except BaseException:
-            self._wake()  # another call may have the slot
-            raise
-        finally:
-            self._waiting.remove(waiting)
-
-    def _position(self, waiting: _Waiting) -> int:
-        """Return how many simulators have to be ready until it is a call's turn."""
-        calls = ((call.agent, call) for call in self._waiting)
-        return in_turn(Counter(self._busy.values()), calls).index(waiting) + 1
+    def _line(self) -> list[_Waiting]:
+        """Return the waiting calls, the next one first."""
+        return in_turn(Counter(self._busy.values()), ((waiting.agent, waiting) for waiting in self._waiting))
 
     @override
     async def release(self, simulator: Simulator) -> None:
@@ -199,31 +164,27 @@ class LocalPool(SimulatorPool):
             await self._close_dead(simulator)
         else:
             self._idle.append(simulator)
-        self._wake()
+        self._hand_out()
 
-    def _wake(self, error: SimulatorStartError | None = None) -> None:
-        """Let all waiting calls look again; one of them fails if a start failed."""
-        looks = [waiting.look for waiting in self._waiting if not waiting.look.done()]
-        if error is not None and looks:
-            looks.pop(0).set_exception(error)
-        for look in looks:
-            look.set_result(None)
-
-    def _take_idle(self, town: str, waiting: _Waiting) -> LocalSimulator | None:
-        alive = [simulator for simulator in self._idle if not simulator.dead]
-        if self._position(waiting) > len(alive):
-            return None
-        # Prefer one that has the town loaded, then the one that was used last: its memory is still in the caches.
-        loaded = [simulator for simulator in alive if simulator.town == town]
-        simulator = (loaded or alive)[-1]
-        self._idle.remove(simulator)
-        return simulator
+    def _hand_out(self) -> None:
+        """Give ready simulators to waiting calls, and start what is missing for the others."""
+        while self._waiting and (ready := [simulator for simulator in self._idle if not simulator.dead]):
+            waiting = self._line()[0]
+            # Prefer one that has the town loaded, then the one that was used last: its memory is still in the caches.
+            simulator = max(ready, key=lambda one: (one.town == waiting.town, ready.index(one)))
+            self._idle.remove(simulator)
+            self._waiting.remove(waiting)
+            simulator.town = waiting.town
+            self._busy[simulator] = waiting.agent
+            waiting.simulator.set_result(simulator)
+        while len(self._starting) < len(self._waiting) and self.running < self.slots + self._spare:
+            self._begin_start(spare=False)
 
     def _start_spare(self) -> None:
         """Start missing spare processes in the background."""
         while (
             len(self._idle) + len(self._starting) - len(self._waiting) < self._spare
-            and self.running < self._slots + self._spare
+            and self.running < self.slots + self._spare
             and not self._stopping
             and not self._paused
         ):
@@ -248,22 +209,24 @@ class LocalPool(SimulatorPool):
         self._starting.add(asyncio.create_task(self._start_one(spare=spare)))
 
     async def _start_one(self, *, spare: bool) -> None:
-        simulator, failed = None, None
+        simulator = None
         try:
             simulator = await self._started()
             if spare:
                 await simulator.prepare(self._town)
         except SimulatorStartError as error:
-            failed = error
             self._pause()
             self._log.warning("simulator did not start", reason=str(error))
+            if self._waiting:
+                self._waiting.pop(0).simulator.set_exception(error)
         except SimulatorDiedError as error:
             self._log.warning("spare simulator did not get ready", reason=str(error))
         finally:
             self._starting = {task for task in self._starting if task is not asyncio.current_task()}
             if simulator is not None:
                 self._idle.append(simulator)
-            self._wake(failed)
+            if not self._stopping:
+                self._hand_out()
 
     async def _started(self) -> LocalSimulator:
         if self._stopping:
@@ -274,9 +237,9 @@ class LocalPool(SimulatorPool):
                     self._command, self._environment, start_timeout_s=self._start_timeout_s, timeout_s=self._timeout_s
                 )
         except SimulatorStartError as error:
-            self._failure = str(error)
+            self.failure = str(error)
             raise
-        self._failure = None
+        self.failure = None
         self._log.info("simulator started", pid=simulator.process.pid)
         return simulator
 

@@ -1,34 +1,41 @@
-"""One simulator as a process of this machine."""
+"""One simulator as a process of this machine. :mod:`wrongturn_service.simulators.worker` describes the messages."""
 
 import asyncio
+import contextlib
+import os
+import re
 import socket
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final, TypeVar
 
+import msgpack
 from typing_extensions import override
 
 from wrongturn_protocol import Outcome, Track
 from wrongturn_service.child_environment import child_environment
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.simulators import frames
-from wrongturn_service.simulators.actions import Action
 from wrongturn_service.simulators.interface import (
+    Action,
     EpisodeEnd,
     EpisodeRefusedError,
     Simulator,
     SimulatorDiedError,
-    SimulatorError,
     SimulatorStartError,
     StepResult,
     replay_s,
 )
-from wrongturn_service.simulators.shared_memory import SharedMemory
 
 _T = TypeVar("_T")
+OK: Final = 0
+"""First item of a reply to a request that worked."""
+REFUSED: Final = 1
+"""First item of a reply that refuses a trial."""
+FAILED: Final = 2
+"""First item of a reply that says that the simulation failed."""
 _STEP_S: Final = 5.0
 """Seconds after which a step counts as hung. It takes milliseconds; only a reset may have to load a town."""
-_ENDED: Final = "the simulator process ended"
 _PASSED_ON: Final = (
     "WRONGTURN_HOME",
     "WRONGTURN_KERNELS",
@@ -40,74 +47,28 @@ _PASSED_ON: Final = (
     "NUMBA_NUM_THREADS",
 )
 """Variables that a process gets beside every child's: where towns and compiled code are, and for which processor."""
+_SHARE: Final = re.compile(rb"^Pss:\s+(\d+) kB", re.MULTILINE)
+_RESIDENT: Final = re.compile(rb"^VmRSS:\s+(\d+) kB", re.MULTILINE)
 
 
-class _ProcessConnection(asyncio.Protocol):
-    """Connection to a process, which answers one request at a time."""
+class LocalSimulator(Simulator, asyncio.Protocol):
+    """One process, which answers one request at a time; make it by :meth:`start`."""
 
-    def __init__(self) -> None:
-        self.closed = False
-        self._reply: asyncio.Future[Any] | None = None
-        self._read: Callable[[list[Any]], Any] = list
-        self._splitter = frames.Splitter()
-
-    @property
-    def awaited(self) -> "asyncio.Future[Any] | None":
-        """The reply that has not come yet."""
-        return None if self._reply is None or self._reply.done() else self._reply
-
-    def expect(self, reply: "asyncio.Future[_T]", read: Callable[[list[Any]], _T]) -> None:
-        """Read the next frame as a reply."""
-        self._reply, self._read = reply, read
-        if self.closed:
-            self.fail(_ENDED)
-
-    def fail(self, reason: str) -> None:
-        """Let the awaited reply fail."""
-        if self.awaited is not None:
-            self.awaited.set_exception(SimulatorDiedError(reason))
-
-    @override
-    def data_received(self, data: bytes) -> None:
-        for frame in self._splitter.feed(data):
-            reply = self.awaited
-            if reply is not None:
-                try:
-                    reply.set_result(self._read(frame))
-                except SimulatorError as error:
-                    reply.set_exception(error)
-
-    @override
-    def connection_lost(self, exc: Exception | None) -> None:
-        self.closed = True
-        self.fail(_ENDED)
-
-
-class LocalSimulator(Simulator):
-    """One process; make it by :meth:`start`."""
-
-    def __init__(
-        self,
-        process: subprocess.Popen[bytes],
-        stream: socket.socket,
-        transport: asyncio.Transport,
-        connection: _ProcessConnection,
-        shared: SharedMemory,
-        timeout_s: float,
-    ) -> None:
+    def __init__(self, process: subprocess.Popen[bytes], stream: socket.socket, timeout_s: float) -> None:
         self.process = process
         self.town = ""
         """The town that is loaded."""
-        self._stream = stream
-        self._transport = transport
-        self._connection = connection
-        self._shared = shared
+        self._handle = stream.fileno()
+        self._transport: asyncio.Transport
+        self._closed = False
         self._timeout_s = timeout_s
         self._step_s = min(timeout_s, _STEP_S)
         self._loop = asyncio.get_running_loop()
+        self._replies = msgpack.Unpacker()
+        self._reply: asyncio.Future[Any] | None = None
+        self._read: Callable[..., Any]
+        self._limit_s = self._deadline = 0.0
         self._alarm: asyncio.TimerHandle | None = None
-        self._limit_s = timeout_s
-        self._deadline = 0.0
 
     @classmethod
     async def start(
@@ -116,8 +77,7 @@ class LocalSimulator(Simulator):
         """Start a process and wait until it is ready.
 
         Args:
-            command: the program; the socket's descriptor, whole seconds of a call, and the shared memory's descriptor
-                are added.
+            command: the program; the socket's descriptor and whole seconds of a call are added.
             environment: variables of the process, beside the few that it gets of this process's.
             start_timeout_s: seconds until it has to be ready.
             timeout_s: seconds after which a call counts as hung.
@@ -126,14 +86,13 @@ class LocalSimulator(Simulator):
             SimulatorStartError: it ended, or was not ready in time.
         """
         ours, theirs = socket.socketpair()
-        shared = SharedMemory()
-        with theirs, shared.inherited() as shared_handle:
+        with theirs:
             handle = theirs.fileno()
 
             def spawn() -> subprocess.Popen[bytes]:
                 return subprocess.Popen(  # noqa: S603 - our own program
-                    [*command, str(handle), str(int(timeout_s) + 1), str(shared_handle)],
-                    pass_fds=[handle, shared_handle],
+                    [*command, str(handle), str(int(timeout_s) + 1)],
+                    pass_fds=[handle],
                     stdin=subprocess.DEVNULL,
                     # What SUMO prints must not mix with what the service prints on stdout.
                     stdout=2,
@@ -146,10 +105,10 @@ class LocalSimulator(Simulator):
                 ours.close()
                 raise SimulatorStartError(f"no simulator process could be started: {error}") from error
         ours.setblocking(False)
-        transport, connection = await asyncio.get_running_loop().create_unix_connection(_ProcessConnection, sock=ours)
-        simulator = cls(process, ours, transport, connection, shared, timeout_s)
+        simulator = cls(process, ours, timeout_s)
+        await simulator._loop.create_unix_connection(lambda: simulator, sock=ours)
         try:
-            await simulator._finished(simulator._expect(lambda reply: reply, start_timeout_s))
+            await simulator._expect(lambda *_: None, start_timeout_s)
         except SimulatorDiedError as error:
             await simulator.close()
             status = process.returncode
@@ -165,110 +124,128 @@ class LocalSimulator(Simulator):
     @property
     @override
     def dead(self) -> bool:
-        return self._connection.closed
+        # The reply to a call that was given up would be taken for that to the next one.
+        return self._closed or (self._reply is not None and self._reply.cancelled())
 
     @override
     async def reset(self, trial: str, track: Track, actions: bytes, encoding: Encoding) -> StepResult:
-        request: list[object] = ["reset", trial, track.value, actions, encoding.value, self._shared.next_place()]
-        return await self._finished(self._ask(request, self._step_result, self._timeout_s + replay_s(actions)))
+        timeout_s = self._timeout_s + replay_s(actions)
+        return await self._ask(["reset", trial, track.value, actions, encoding.value], _step_result, timeout_s)
 
     @override
-    async def step(self, action: Action, encoding: Encoding) -> StepResult:
-        return await self._finished(self.begin_step(action, encoding))
-
-    @override
-    def begin_step(self, action: Action, encoding: Encoding) -> "asyncio.Future[StepResult]":
-        request = ["step", *action, encoding.value, self._shared.next_place()]
-        return self._ask(request, self._step_result, self._step_s)
+    def step(self, action: Action, encoding: Encoding) -> "asyncio.Future[StepResult]":
+        return self._ask(["step", *action, encoding.value], _step_result, self._step_s)
 
     @override
     async def abort(self) -> EpisodeEnd:
-        return await self._finished(self._ask(["abort"], lambda reply: _episode_end(reply[1]), self._timeout_s))
+        return await self._ask(["abort"], _episode_end, self._timeout_s)
 
     @override
     async def view(self) -> bytes:
-        return await self._finished(self._ask(["view"], lambda reply: bytes(reply[1]), self._timeout_s))
+        return await self._ask(["view"], bytes, self._timeout_s)
 
     async def prepare(self, town: str) -> None:
         """Load a town, so that its first reset is as quick as any other. Raises SimulatorDiedError."""
-        await self._finished(self._ask(["prepare", town], lambda _: None, self._timeout_s))
+        await self._ask(["prepare", town], lambda *_: None, self._timeout_s)
         self.town = town
 
-    def kill(self) -> None:
-        """End the process at once; an awaited reply fails."""
-        self._connection.closed = True
-        self._transport.abort()
-        self.process.kill()
-        if self._alarm is not None:
-            self._alarm.cancel()
-            self._alarm = None
+    def memory(self) -> int:
+        """Return the process's own memory and its part of what it shares, bytes; 0 if it has ended.
+
+        Where the kernel does not tell the parts, the result is the process's resident memory.
+        """
+        for name, pattern in (("smaps_rollup", _SHARE), ("status", _RESIDENT)):
+            with contextlib.suppress(OSError):
+                match = pattern.search(Path(f"/proc/{self.process.pid}/{name}").read_bytes())
+                if match:
+                    return 1024 * int(match[1])
+        return 0
 
     async def close(self) -> None:
         """End the process and wait until it has ended."""
-        self.kill()
+        self._kill("the simulator process was ended")
         await asyncio.to_thread(self.process.wait)
 
-    def _ask(
-        self, request: Sequence[object], read: Callable[[list[Any]], _T], timeout_s: float
-    ) -> "asyncio.Future[_T]":
-        """Send a request, and return its reply."""
+    def _kill(self, reason: str) -> None:
+        """End the process at once; an awaited reply fails."""
+        self._transport.abort()
+        self.process.kill()
+        self._end(reason)
+
+    def _end(self, reason: str) -> None:
+        self._closed = True
+        if self._alarm is not None:
+            self._alarm.cancel()
+        if self._reply is not None and not self._reply.done():
+            self._reply.set_exception(SimulatorDiedError(reason))
+
+    def _ask(self, request: list[object], read: Callable[..., _T], timeout_s: float) -> "asyncio.Future[_T]":
+        """Send a request, and return its reply: what ``read`` makes of the values after :data:`OK`."""
         if not self.dead:
-            frames.write_now(self._transport, self._stream.fileno(), [frames.pack(request)])
-        return self._expect(lambda reply: read(self._checked(reply)), timeout_s)
+            data, sent = msgpack.packb(request), 0
+            # The transport would write at the end of the loop's turn. It meets the same errors, and tells of them.
+            with contextlib.suppress(OSError):
+                sent = os.write(self._handle, data)
+            if sent < len(data):
+                self._transport.write(data[sent:])
+        return self._expect(read, timeout_s)
 
-    def _checked(self, reply: list[Any]) -> list[Any]:
-        """Return a reply to a request that worked. Raises EpisodeRefusedError, SimulatorDiedError."""
-        if reply[0] == frames.REFUSED:
-            raise EpisodeRefusedError(reply[1], reply[2])
-        if reply[0] != frames.OK:
-            # Its state is unknown, and the next episode must not inherit it.
-            self.kill()
-            raise SimulatorDiedError(f"{reply[1]}: {reply[2]}")
-        return reply
-
-    def _expect(self, read: Callable[[list[Any]], _T], timeout_s: float) -> "asyncio.Future[_T]":
+    def _expect(self, read: Callable[..., _T], timeout_s: float) -> "asyncio.Future[_T]":
         reply: asyncio.Future[_T] = self._loop.create_future()
-        self._connection.expect(reply, read)
-        self._set_deadline(timeout_s)
-        return reply
-
-    async def _finished(self, reply: "asyncio.Future[_T]") -> _T:
-        try:
-            return await reply
-        except asyncio.CancelledError:
-            # This reply would be taken for that to the next request.
-            self.kill()
-            raise
-
-    def _set_deadline(self, timeout_s: float) -> None:
+        if self.dead:
+            self._kill("a call was given up")
+            reply.set_exception(SimulatorDiedError("the simulator process ended"))
+            return reply
+        self._reply, self._read = reply, read
         self._limit_s, self._deadline = timeout_s, self._loop.time() + timeout_s
-        self._set_alarm()
+        # An earlier alarm stays, and sets the next one: moving it takes time each step.
+        if self._alarm is None or self._alarm.when() > self._deadline:
+            self._set_alarm()
+        return reply
 
     def _set_alarm(self) -> None:
-        """Call :meth:`_look` at the deadline. An earlier alarm stays: moving it takes time each step."""
         if self._alarm is not None:
-            if self._alarm.when() <= self._deadline:
-                return
             self._alarm.cancel()
         self._alarm = self._loop.call_at(self._deadline, self._look)
 
     def _look(self) -> None:
         self._alarm = None
-        if self._connection.awaited is None:
+        if self._reply is None:
             return
         if self._loop.time() < self._deadline:
             self._set_alarm()
-            return
-        self._connection.fail(f"the simulator process did not answer within {self._limit_s:g} s")
-        self.kill()
+        else:
+            self._kill(f"the simulator process did not answer within {self._limit_s:g} s")
 
-    def _step_result(self, reply: list[Any]) -> StepResult:
-        _, observation, reward, terminated, truncated, final = reply
-        if isinstance(observation, int):
-            observation = self._shared.view(observation)
-        return StepResult(observation, reward, terminated, truncated, None if final is None else _episode_end(final))
+    @override
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        self._transport = transport
+
+    @override
+    def data_received(self, data: bytes) -> None:
+        self._replies.feed(data)
+        for status, *values in self._replies:
+            reply, self._reply = self._reply, None
+            if reply is None or reply.cancelled():
+                self._kill("a call was given up")
+            elif status == OK:
+                reply.set_result(self._read(*values))
+            elif status == REFUSED:
+                reply.set_exception(EpisodeRefusedError(*values))
+            else:  # its state is unknown, and the next episode must not inherit it
+                self._kill("")
+                reply.set_exception(SimulatorDiedError(": ".join(values)))
+
+    @override
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._end("the simulator process ended")
 
 
-def _episode_end(values: list[Any]) -> EpisodeEnd:
-    outcome, steps, trajectory, trajectory_sha256, actions_sha256 = values
-    return EpisodeEnd(Outcome.model_validate_json(outcome), steps, trajectory, trajectory_sha256, actions_sha256)
+def _step_result(
+    observation: bytes, reward: float, terminated: bool, truncated: bool, end: list[Any] | None
+) -> StepResult:
+    return StepResult(observation, reward, terminated, truncated, None if end is None else _episode_end(*end))
+
+
+def _episode_end(outcome: str, *values: Any) -> EpisodeEnd:
+    return EpisodeEnd(Outcome.model_validate_json(outcome), *values)

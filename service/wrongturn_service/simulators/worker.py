@@ -1,25 +1,23 @@
-"""The program of a simulator process: ``python -m wrongturn_service.simulators SOCKET SECONDS MEMORY``.
+"""The program of a simulator process: ``python -m wrongturn_service.simulators SOCKET SECONDS``.
 
-The arguments are the file descriptor of a socket to the service, whole seconds after which a hanging request ends the
-process, and the file descriptor of the shared memory. The process answers one request at a time. It ends with the
-stream, so no simulator outlives its service. The time limit is an alarm, which works even while SUMO does not return.
+The arguments are the file descriptor of a socket to the service, and whole seconds after which a hanging request ends
+the process. The process answers one request at a time. It ends with the stream, so no simulator outlives its service.
+The time limit is an alarm, which works even while SUMO does not return.
 
-Requests:
-    | ``["reset", trial, track, actions, encoding, place]``
-    | ``["step", steer, throttle, brake, encoding, place]``
+Requests and replies are values of msgpack, one after the other. Requests:
+    | ``["reset", trial, track, actions, encoding]``
+    | ``["step", steer, throttle, brake, encoding]``
     | ``["view"]``
     | ``["abort"]``
     | ``["prepare", town]``
 
 Replies:
-    | ``[OK, observation, reward, terminated, truncated, end]`` to a reset or a step; ``end`` is None or
-      ``[outcome, steps, trajectory, SHA-256 of it, SHA-256 of the actions]``
+    | ``[OK, observation, reward, terminated, truncated, end]`` to a reset or a step; ``end`` is None or the values of
+      an abort's reply
     | ``[OK, pixmap]`` to a view
-    | ``[OK, end]`` to an abort, ``[OK]`` to prepare
+    | ``[OK, outcome, steps, trajectory, SHA-256 of it, SHA-256 of the actions]`` to an abort, ``[OK]`` to prepare
     | ``[REFUSED, name, message]``
     | ``[FAILED, name, message]``
-
-An observation as raw arrays is written to its place in the shared memory, and the reply has its number of bytes.
 """
 
 import contextlib
@@ -32,42 +30,45 @@ import sys
 from pathlib import Path
 from typing import Any, Final
 
+import msgpack
+
 from wrongturn_networks import Town, draw_journey, draw_trial, load_town
-from wrongturn_protocol import FaultKind, Outcome, Task, Track, Trial, observations
+from wrongturn_protocol import FaultKind, Outcome, Task, Track, Trial
+from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.pixmap import to_pixmap
+from wrongturn_protocol.wire import Block, layout
 from wrongturn_service.encoding import Encoding, encoded
-from wrongturn_service.simulators import frames
-from wrongturn_service.simulators.actions import ACTION
-from wrongturn_service.simulators.interface import replay_s
-from wrongturn_service.simulators.shared_memory import SharedMemoryWriter
+from wrongturn_service.simulators.interface import ACTION, replay_s
+from wrongturn_service.simulators.local_simulator import FAILED, OK, REFUSED
 from wrongturn_sim import Episode
 
 REFUSALS: Final = frozenset({"FaultNotApplicableError", "TrafficTooDenseError"})
 """Errors that are the caller's mistake and leave the simulator usable."""
+_READ_SIZE: Final = 1 << 14
 
 
 class Server:
     """Answers requests with the episode of this process."""
 
-    def __init__(self, writer: SharedMemoryWriter) -> None:
-        self._writer = writer
+    def __init__(self) -> None:
         self._episode: Episode | None = None
         self._track = Track.STATE
+        self._memory = bytearray()
+        self._block: Block | None = None
 
     def answer(self, request: list[Any]) -> list[Any]:
-        """Return the reply to a request."""
+        """Return the values of the reply to a request."""
         operation, *arguments = request
         if operation == "step":
-            return self._step(*arguments)
+            *action, encoding = arguments
+            return self._reply(self._driven().step(*action), encoding)
         if operation == "reset":
             return self._reset(*arguments)
         if operation == "prepare":
             self._drive_a_little(load_town(*arguments))
-            return [frames.OK]
+            return []
         episode = self._driven()
-        if operation == "view":
-            return [frames.OK, to_pixmap(episode.view())]
-        return [frames.OK, _end(episode, episode.abort())]
+        return [to_pixmap(episode.view())] if operation == "view" else _end(episode, episode.abort())
 
     def warm_up(self) -> None:
         """Drive a little, so that the first agent does not wait for what is compiled or loaded late."""
@@ -77,7 +78,7 @@ class Server:
         junction = draw_trial(town, next(iter(town.approaches)), FaultKind.NONE, 0)
         journey = draw_journey(town, Task.NAVIGATION, 0)  # judged by arithmetic of its own
         for trial, track in ((junction, Track.PRIVILEGED), (junction, Track.SEGMENTATION), (journey, Track.STATE)):
-            self._reset(trial.model_dump_json(), track, ACTION.pack(0.0, 0.5, 0.0) * 3, Encoding.RAW, 0)
+            self._reset(trial.model_dump_json(), track, ACTION.pack(0.0, 0.5, 0.0) * 3, Encoding.RAW)
             self._driven().abort()
 
     def _driven(self) -> Episode:
@@ -85,40 +86,30 @@ class Server:
             raise RuntimeError("no episode: reset comes first")
         return self._episode
 
-    def _reset(self, trial: str, track: str, actions: bytes, encoding: str, place: int) -> list[Any]:
+    def _reset(self, trial: str, track: str, actions: bytes, encoding: str) -> list[Any]:
         self._track = Track(track)
         self._episode = episode = Episode(Trial.model_validate_json(trial), self._track)
-        observation = episode.reset()
-        reward, terminated, truncated = 0.0, False, False
-        repeated = episode.repeat(list(ACTION.iter_unpack(actions)))
-        if repeated is not None:
-            observation, reward, terminated, truncated = repeated
-        return self._reply(observation, reward, terminated, truncated, encoding, place)
+        begun = episode.reset(), 0.0, False, False
+        return self._reply(episode.repeat(list(ACTION.iter_unpack(actions))) or begun, encoding)
 
-    def _step(self, steer: float, throttle: float, brake: float, encoding: str, place: int) -> list[Any]:
-        observation, reward, terminated, truncated = self._driven().step(steer, throttle, brake)
-        return self._reply(observation, reward, terminated, truncated, encoding, place)
-
-    def _reply(
-        self,
-        observation: observations.Observation,
-        reward: float,
-        terminated: bool,
-        truncated: bool,
-        encoding: str,
-        place: int,
-    ) -> list[Any]:
-        shown: bytes | int
-        if encoding == Encoding.RAW:
-            shown = len(self._writer.write(observation, self._track, place))
-        else:
-            shown = encoded(observation, self._track, Encoding(encoding))
+    def _reply(self, result: tuple[Observation, float, bool, bool], encoding: str) -> list[Any]:
+        observation, reward, terminated, truncated = result
         end = None
         if terminated or truncated:
             episode = self._driven()
             assert episode.outcome is not None
             end = _end(episode, episode.outcome)
-        return [frames.OK, shown, float(reward), bool(terminated), bool(truncated), end]
+        return [self._shown(observation, encoding), float(reward), bool(terminated), bool(truncated), end]
+
+    def _shown(self, observation: Observation, encoding: str) -> bytes | bytearray:
+        """Return an encoded observation. It may change with the next one."""
+        if encoding != Encoding.RAW:
+            return encoded(observation, self._track, Encoding(encoding))
+        if self._block is None or self._block.layout.track is not self._track:
+            self._memory = bytearray(layout(self._track).size)
+            self._block = Block(self._memory, self._track)
+        self._block.write(observation)
+        return self._memory
 
 
 def _end(episode: Episode, outcome: Outcome) -> list[Any]:
@@ -127,39 +118,31 @@ def _end(episode: Episode, outcome: Outcome) -> list[Any]:
     return [outcome.model_dump_json(), episode.steps, trajectory, sha256, episode.actions_sha256]
 
 
-def serve(connection: socket.socket, limit_s: int, writer: SharedMemoryWriter) -> None:
+def serve(connection: socket.socket, limit_s: int) -> None:
     """Answer requests until the other side closes the stream.
 
-    Args:
-        connection: a blocking stream socket.
-        limit_s: whole seconds after which a request ends the process; a replay gets more.
-        writer: where observations are written.
+    A request that takes longer than ``limit_s`` whole seconds ends the process; a replay gets more.
     """
-    server = Server(writer)
+    server = Server()
     server.warm_up()
     # These objects stay. A full garbage collection of them would make a step wait.
     gc.collect()
     gc.freeze()
     gc.enable()
-    connection.sendall(frames.pack([frames.OK]))
-    requests = frames.Receiver(connection)
-    while True:
-        try:
-            request = requests.receive()
-        except (EOFError, ConnectionError):
-            return
+    connection.sendall(msgpack.packb([OK]))
+    for request in msgpack.Unpacker(connection.makefile("rb", 0), read_size=_READ_SIZE):
         try:
             signal.alarm(limit_s + (math.ceil(replay_s(request[3])) if request[0] == "reset" else 0))
-            reply = server.answer(request)
+            reply = [OK, *server.answer(request)]
         except Exception as error:
-            kind = frames.REFUSED if type(error).__name__ in REFUSALS else frames.FAILED
+            kind = REFUSED if type(error).__name__ in REFUSALS else FAILED
             reply = [kind, type(error).__name__, str(error)]
         signal.alarm(0)
-        connection.sendall(frames.pack(reply))
+        connection.sendall(msgpack.packb(reply))
 
 
 def main() -> None:
-    """Serve the socket and the memory that the command line names."""
+    """Serve the socket that the command line names."""
     # Ctrl-C goes to the whole group of processes; the service decides when its simulators end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
@@ -168,4 +151,4 @@ def main() -> None:
         Path("/proc/self/oom_score_adj").write_text("500", "ascii")
     # If the service was killed, nobody is left to answer.
     with socket.socket(fileno=int(sys.argv[1])) as connection, contextlib.suppress(ConnectionError):
-        serve(connection, int(sys.argv[2]), SharedMemoryWriter(int(sys.argv[3])))
+        serve(connection, int(sys.argv[2]))

@@ -22,7 +22,7 @@ from wrongturn_service.api.errors import as_service_error
 from wrongturn_service.encoding import Encoding, Reply
 from wrongturn_service.errors import InvalidRequestError, ServiceError
 from wrongturn_service.service import Service
-from wrongturn_service.simulators.actions import Action, rounded
+from wrongturn_service.simulators.interface import Action, rounded
 
 _SHAPES: Final = {
     Call.STEP: "episode, seq, steer, throttle, brake",

@@ -7,6 +7,8 @@ message: the handshake, fragments, text, pings, the close, and malformed frames.
 This module extends a private module of uvicorn's, so ``pyproject.toml`` names the versions that are tested.
 """
 
+import contextlib
+import os
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
@@ -17,7 +19,6 @@ from websockets.http11 import Request
 from websockets.protocol import State
 
 from wrongturn_protocol import ProblemType, framing
-from wrongturn_service.simulators.frames import write_now
 
 _FRAMES: Final = 16
 """Most frames of a connection that are handled in one turn of the event loop."""
@@ -63,16 +64,18 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
             self._busy = busy
             self._pace()
 
-    def send_message(self, pieces: Sequence[bytes | memoryview]) -> None:
-        """Send a binary message, unless the connection is being closed.
-
-        Args:
-            pieces: of the message; they may change as soon as this returns.
-        """
+    def send_message(self, pieces: Sequence[bytes]) -> None:
+        """Send a binary message in pieces, unless the connection is being closed."""
         if self.conn.state is not State.OPEN or self.close_sent or self.transport.is_closing():
             return
-        length = sum(map(len, pieces))
-        write_now(self.transport, self._handle, (framing.head(length), *pieces))
+        message = [framing.head(sum(map(len, pieces))), *pieces]
+        sent = 0
+        if self.transport.get_write_buffer_size() == 0:
+            # Without a copy, and before the end of the loop's turn. The transport meets the same errors.
+            with contextlib.suppress(OSError):
+                sent = os.writev(self._handle, message)
+        if sent < sum(map(len, message)):
+            self.transport.write(b"".join(message)[sent:])
 
     # For uvicorn and the transport
 

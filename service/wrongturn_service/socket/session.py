@@ -190,7 +190,7 @@ class Connection:
         answer.results[at] = result
         answer.missing -= 1
         if not answer.missing:
-            pieces: list[bytes | memoryview] = [wire.results_head(answer.number, len(answer.results))]
+            pieces = [wire.results_head(answer.number, len(answer.results))]
             for one in answer.results:
                 if isinstance(one, bytes):
                     pieces.append(one)

@@ -58,23 +58,19 @@ class AccountStore(Queries):
         query = select(OwnerRow).where(seen_owners()).order_by(OwnerRow.name_key).limit(limit)
         if after is not None:
             query = query.where(OwnerRow.name_key > after)
-        async with self._database.read() as session:
-            return (await session.scalars(query)).all()
+        return await self._all(query)
 
     async def owner(self, owner_id: str) -> OwnerRow | None:
         """Return an owner, or None."""
-        async with self._database.read() as session:
-            return await session.get(OwnerRow, owner_id)
+        return await self._get(OwnerRow, owner_id)
 
     async def owner_by_name(self, name_key: str) -> OwnerRow | None:
         """Return the owner with a name in lower case, or None."""
-        async with self._database.read() as session:
-            return await session.scalar(select(OwnerRow).where(OwnerRow.name_key == name_key))
+        return await self._one(select(OwnerRow).where(OwnerRow.name_key == name_key))
 
     async def owner_by_token(self, token_sha256: str) -> OwnerRow | None:
         """Return the owner with this token, or None."""
-        async with self._database.read() as session:
-            return await session.scalar(select(OwnerRow).where(OwnerRow.token_sha256 == token_sha256))
+        return await self._one(select(OwnerRow).where(OwnerRow.token_sha256 == token_sha256))
 
     async def set_owner_token(
         self, owner_id: str, token_sha256: str | None, reply: IdempotencyRow | None = None
@@ -124,13 +120,11 @@ class AccountStore(Queries):
             query = query.where(has_evaluation())
         if after is not None:
             query = query.where(AgentRow.name_key > after)
-        async with self._database.read() as session:
-            return (await session.scalars(query)).all()
+        return await self._all(query)
 
     async def agent(self, agent_id: str) -> AgentRow | None:
         """Return an agent, or None."""
-        async with self._database.read() as session:
-            return await session.get(AgentRow, agent_id)
+        return await self._get(AgentRow, agent_id)
 
     async def agent_called(self, wanted: str) -> AgentRow | None:
         """Return the agent that has this id, or else this name in upper or lower case; None without either.
@@ -148,8 +142,7 @@ class AccountStore(Queries):
 
     async def agent_by_token(self, token_sha256: str) -> AgentRow | None:
         """Return the agent with this token, or None."""
-        async with self._database.read() as session:
-            return await session.scalar(select(AgentRow).where(AgentRow.token_sha256 == token_sha256))
+        return await self._one(select(AgentRow).where(AgentRow.token_sha256 == token_sha256))
 
     async def set_token(self, agent_id: str, token_sha256: str | None, reply: IdempotencyRow | None = None) -> None:
         """Replace an agent's token. None revokes it."""

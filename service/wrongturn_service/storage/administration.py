@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 from sqlalchemy import ColumnElement, and_, delete, false, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
-from wrongturn_protocol import EpisodeState, EvaluationState, SubmissionState
+from wrongturn_protocol import SubmissionState
 from wrongturn_protocol.administration import Contents
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.storage import audit, held
@@ -17,7 +17,6 @@ from wrongturn_service.storage.audit import Act
 from wrongturn_service.storage.models import (
     AgentRow,
     AuditRow,
-    EpisodeRow,
     EvaluationRow,
     HeldRow,
     IdempotencyRow,
@@ -36,8 +35,6 @@ ROWS: Final[dict[Collection, type[Item]]] = {
     Collection.EVALUATIONS: EvaluationRow,
     Collection.SUBMISSIONS: SubmissionRow,
 }
-_BATCH: Final = 100
-"""Episodes that are deleted in one transaction, so that others can write in between."""
 
 
 class After(NamedTuple):
@@ -77,24 +74,22 @@ class Found(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PendingDeletion:
-    """What is being deleted.
+class Deleted:
+    """What was deleted.
 
     Attributes:
-        collection: Kind of what is deleted: an owner in place of the one agent for which it was made.
-        id: Its id.
         name: Name of the target.
-        entry: Number of the entry in the audit log.
-        agents: Ids of the agents that go with it.
-        evaluations: Ids of the evaluations that go with it.
-        submissions: Ids of the submissions that go with it.
+        contents: How many of each kind.
+        held: What stays taken, in words.
+        agents: Ids of the agents that went with it.
+        evaluations: Ids of the evaluations that went with it.
+        submissions: Ids of the submissions that went with it.
         cancelled: Ids of submissions that waited or ran, also of those that stay.
     """
 
-    collection: Collection
-    id: str
     name: str
-    entry: int
+    contents: Contents
+    held: tuple[str, ...]
     agents: Sequence[str]
     evaluations: Sequence[str]
     submissions: Sequence[str]
@@ -114,23 +109,18 @@ class AdministrationStore(Queries):
         if after is not None:
             earlier = and_(row.created == after.created, row.id < after.id)
             query = query.where(or_(row.created < after.created, earlier))
-        async with self._database.read() as session:
-            found = await session.execute(query.order_by(row.created.desc(), row.id.desc()).limit(limit))
-        return [Found(*one) for one in found.tuples()]
+        found = await self._rows(query.order_by(row.created.desc(), row.id.desc()).limit(limit))
+        return [Found(*one) for one in found]
 
     async def item(self, collection: Collection, item_id: str) -> Found | None:
         """Return an item, or None."""
-        async with self._database.read() as session:
-            found = await session.execute(_found(collection).where(ROWS[collection].id == item_id))
-        one = found.tuples().first()
-        return None if one is None else Found(*one)
+        found = await self._rows(_found(collection).where(ROWS[collection].id == item_id))
+        return Found(*found[0]) if found else None
 
     async def id_of(self, collection: Collection, word: str) -> str | None:
         """Return the id of the owner or agent that has this id, or else this name in upper or lower case; or None."""
         row: Any = ROWS[collection]
-        called = or_(row.id == word, row.name_key == word.lower())
-        async with self._database.read() as session:
-            found = (await session.scalars(select(row.id).where(called))).all()
+        found = await self._all(select(row.id).where(or_(row.id == word, row.name_key == word.lower())))
         return max(found, key=lambda one: one == word, default=None)
 
     async def contents(self, collection: Collection, item_id: str) -> Contents:
@@ -142,15 +132,14 @@ class AdministrationStore(Queries):
         """Hide an item, or show it again. Return 0 if nothing has changed."""
         row = ROWS[collection]
         async with self._database.write() as session:
-            changed = await _changed(
-                session,
-                update(row).where(row.id == item_id, getattr(row, "hidden") != hidden).values(hidden=hidden),  # noqa: B009
-            )
-            if changed:
+            there = select(row).where(row.id == item_id, getattr(row, "hidden") != hidden)  # noqa: B009
+            found: Any = await session.scalar(there)
+            if found is not None:
+                found.hidden = hidden
                 action = AuditAction.HIDE if hidden else AuditAction.UNHIDE
                 target = collection, item_id, await _name(session, collection, item_id)
                 await act.note(session, action, target, Contents(**{collection.value: 1}))
-        return changed
+        return int(found is not None)
 
     async def revoke(self, collection: Collection, item_id: str, act: Act) -> tuple[int, Sequence[str]]:
         """End the token of an agent, or those of an owner and its agents.
@@ -159,7 +148,7 @@ class AdministrationStore(Queries):
             The number of tokens that ended, and the ids of the agents among their holders.
         """
         async with self._database.write() as session:
-            has_token = _rows("agents", collection, item_id).where(AgentRow.token_sha256.is_not(None))
+            has_token = _ids("agents", collection, item_id).where(AgentRow.token_sha256.is_not(None))
             agents = (await session.scalars(has_token)).all()
             query = select(OwnerRow.id).where(OwnerRow.id == item_id, OwnerRow.token_sha256.is_not(None))
             owners = (await session.scalars(query)).all()
@@ -169,61 +158,42 @@ class AdministrationStore(Queries):
                 await act.note(session, AuditAction.REVOKE, target, Contents(owners=len(owners), agents=len(agents)))
         return len(owners) + len(agents), agents
 
-    async def begin_deletion(self, collection: Collection, item_id: str, act: Act) -> PendingDeletion | None:
-        """Hide an item with all that hangs on it, end its tokens, and stop what runs. None if it is gone.
+    async def delete(self, collection: Collection, item_id: str, act: Act, *, free: bool) -> Deleted | None:
+        """Delete an item with all that hangs on it, and cancel the submissions that drove it. None if it is gone.
 
-        From here on nothing of it is added. A deletion that is cut short after this leaves it hidden.
+        What stays taken, unless it is freed, is noted under the id of the item.
         """
         async with self._database.write() as session:
             if await session.get(ROWS[collection], item_id) is None:
                 return None
             name = await _name(session, collection, item_id)
             whole = await _whole(session, collection, item_id)
-            target = collection, item_id, name
-            entry = await act.note(session, AuditAction.DELETE, target, await _contents(session, *whole), done=False)
+            contents = await _contents(session, *whole)
             agents, evaluations, submissions = [
-                (await session.scalars(_rows(kind, *whole))).all() for kind in ("agents", "evaluations", "submissions")
+                (await session.scalars(_ids(kind, *whole))).all() for kind in ("agents", "evaluations", "submissions")
             ]
             its = or_(SubmissionRow.id.in_(submissions), SubmissionRow.evaluation_id.in_(evaluations))
             waiting = select(SubmissionRow.id).where(its, SubmissionRow.state.in_(OPEN))
             cancelled = (await session.scalars(waiting)).all()
-            await _stop(session, whole, agents, cancelled)
-            return PendingDeletion(*whole, name, entry.seq, agents, evaluations, submissions, cancelled)
-
-    async def delete_some(self, pending: PendingDeletion) -> bool:
-        """Delete some episodes with their trajectories. Return whether there may be more."""
-        async with self._database.write() as session:
-            some = _rows("episodes", pending.collection, pending.id).limit(_BATCH)
-            episodes = (await session.scalars(some)).all()
-            await session.execute(delete(EpisodeRow).where(EpisodeRow.id.in_(episodes)))
-            return len(episodes) == _BATCH
-
-    async def finish_deletion(
-        self, pending: PendingDeletion, item_id: str, *, free: bool
-    ) -> tuple[Contents, tuple[str, ...]]:
-        """Delete what is left of an item.
-
-        What stays taken, unless it is freed, is noted under the id of the target.
-
-        Returns:
-            All that was deleted, and what stays taken.
-        """
-        async with self._database.write() as session:
+            over = {"state": SubmissionState.CANCELLED, "ended": time.time(), "reason": "deleted by the operator"}
+            await session.execute(
+                update(SubmissionRow).where(SubmissionRow.id.in_(cancelled)).values(**over, token_sha256=None)
+            )
             if not free:
-                await _hold(session, pending, item_id)
-            match pending.collection:  # what the database does not delete with the row
-                case Collection.AGENTS:
-                    await session.execute(delete(SubmissionRow).where(SubmissionRow.agent_id == pending.id))
-                case Collection.EVALUATIONS:
-                    await session.execute(delete(IdempotencyRow).where(IdempotencyRow.evaluation_id == pending.id))
-                case Collection.SUBMISSIONS:
-                    await session.execute(delete(IdempotencyRow).where(IdempotencyRow.scope == pending.id))
-            row = ROWS[pending.collection]
-            await session.execute(delete(row).where(row.id == pending.id))
-            entry = await session.get(AuditRow, pending.entry)
-            assert entry is not None
-            entry.done = True
-            return Contents.model_validate_json(entry.counts), await held.held_by(session, item_id)
+                await _hold(session, *whole, item_id)
+            kind, target = whole
+            # What the database does not delete with the row.
+            with_it = {
+                Collection.AGENTS: delete(SubmissionRow).where(SubmissionRow.agent_id == target),
+                Collection.EVALUATIONS: delete(IdempotencyRow).where(IdempotencyRow.evaluation_id == target),
+                Collection.SUBMISSIONS: delete(IdempotencyRow).where(IdempotencyRow.scope == target),
+            }
+            if kind in with_it:
+                await session.execute(with_it[kind])
+            await session.execute(delete(ROWS[kind]).where(ROWS[kind].id == target))
+            await act.note(session, AuditAction.DELETE, (collection, item_id, name), contents)
+            taken = await held.held_by(session, item_id)
+        return Deleted(name, contents, taken, agents, evaluations, submissions, cancelled)
 
     async def deleted_before(
         self, collection: Collection, item_id: str, act: Act, *, free: bool
@@ -275,7 +245,7 @@ class AdministrationStore(Queries):
             return await audit.entries(session, **narrowed)
 
 
-def _rows(name: str, collection: Collection, item_id: str) -> Any:
+def _ids(name: str, collection: Collection, item_id: str) -> Any:
     """Return the query for the ids of the rows of a kind that hang on an item."""
     kind = KINDS[name]
     query = kind.select(kind.id, of=collection, item=item_id)
@@ -310,34 +280,13 @@ async def _whole(session: AsyncSession, collection: Collection, item_id: str) ->
     return Collection.OWNERS, agent.owner_id
 
 
-async def _stop(
-    session: AsyncSession, whole: tuple[Collection, str], agents: Sequence[str], cancelled: Sequence[str]
-) -> None:
-    """Hide what is being deleted, end its tokens, and stop what runs."""
-    now = time.time()
-    owners = [whole[1]] if whole[0] is Collection.OWNERS else []
-    await end_tokens(session, owners=owners, agents=agents)
-    for row, ids in ((OwnerRow, owners), (AgentRow, agents)):
-        await session.execute(update(row).where(row.id.in_(ids)).values(hidden=True))
-    evaluations = EvaluationRow.id.in_(_rows("evaluations", *whole))
-    await session.execute(update(EvaluationRow).where(evaluations).values(hidden=True))
-    running = update(EvaluationRow).where(evaluations, EvaluationRow.state == EvaluationState.RUNNING)
-    await session.execute(running.values(state=EvaluationState.CANCELLED))
-    driven = update(EpisodeRow).where(
-        EpisodeRow.id.in_(_rows("episodes", *whole)), EpisodeRow.state == EpisodeState.OPEN
-    )
-    await session.execute(driven.values(state=EpisodeState.LOST, finished=now))
-    over = {"state": SubmissionState.CANCELLED, "token_sha256": None, "ended": now, "reason": "deleted by the operator"}
-    await session.execute(update(SubmissionRow).where(SubmissionRow.id.in_(cancelled)).values(**over))
-
-
-async def _hold(session: AsyncSession, pending: PendingDeletion, deleted: str) -> None:
+async def _hold(session: AsyncSession, collection: Collection, item_id: str, deleted: str) -> None:
     """Keep the names, and the place on a suite, of what is about to be deleted."""
     for name, row, kind in (("owners", OwnerRow, held.OWNER), ("agents", AgentRow, held.AGENT)):
-        names = select(row.name_key).where(row.id.in_(_rows(name, pending.collection, pending.id)))
+        names = select(row.name_key).where(row.id.in_(_ids(name, collection, item_id)))
         for key in (await session.scalars(names)).all():
             await session.merge(HeldRow(kind=kind, key=key, deleted=deleted))
-    evaluation = await session.get(EvaluationRow, pending.id) if pending.collection is Collection.EVALUATIONS else None
+    evaluation = await session.get(EvaluationRow, item_id) if collection is Collection.EVALUATIONS else None
     if evaluation is None:
         return
     agent, suite = evaluation.agent_id, evaluation.suite
@@ -347,7 +296,7 @@ async def _hold(session: AsyncSession, pending: PendingDeletion, deleted: str) -
         return
     of_agent = EvaluationRow.agent_id == agent, EvaluationRow.suite == suite, EvaluationRow.driven.is_not(None)
     first = select(EvaluationRow.id).where(*of_agent).order_by(EvaluationRow.seq).limit(1)
-    if await session.scalar(first) == pending.id:
+    if await session.scalar(first) == item_id:
         key = held.place(agent, suite)
         await session.merge(HeldRow(kind=held.EVALUATION, key=key, agent_id=agent, deleted=deleted))
 
@@ -386,7 +335,3 @@ def _conditions(collection: Collection, filters: Filters) -> list[ColumnElement[
 async def _name(session: AsyncSession, collection: Collection, item_id: str) -> str:
     found = (await session.execute(_found(collection).where(ROWS[collection].id == item_id))).first()
     return "" if found is None else str(found[1])
-
-
-async def _changed(session: AsyncSession, statement: Any) -> int:
-    return int(getattr(await session.execute(statement), "rowcount", 0))

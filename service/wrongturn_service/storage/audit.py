@@ -29,14 +29,8 @@ class Act:
     reason: str | None = None
 
     async def note(
-        self,
-        session: AsyncSession,
-        action: AuditAction,
-        target: tuple[Collection, str, str],
-        contents: Contents,
-        *,
-        done: bool = True,
-    ) -> AuditRow:
+        self, session: AsyncSession, action: AuditAction, target: tuple[Collection, str, str], contents: Contents
+    ) -> None:
         """Add an entry about a target, by its kind, its id and its name, as the last one."""
         collection, item_id, name = target
         entry = AuditRow(
@@ -50,10 +44,8 @@ class Act:
             name=name[:_LONGEST_NAME],
             reason=self.reason,
             counts=contents.model_dump_json(exclude_defaults=True),
-            done=done,
         )
         session.add(entry)
-        return entry
 
 
 async def entries(

@@ -20,7 +20,7 @@ from sqlalchemy.ext.asyncio import AsyncEngine, AsyncSession, create_async_engin
 from wrongturn_service.errors import StartupError
 from wrongturn_service.storage import location, postgres
 from wrongturn_service.storage.condition import Condition, FailureKind, StorageError
-from wrongturn_service.storage.models import ProbeRow
+from wrongturn_service.storage.models import Base, ProbeRow
 from wrongturn_service.telemetry import Telemetry
 
 _READ = "wrongturn_read"
@@ -248,12 +248,14 @@ def migrations() -> Config:
 
 
 def _migrate(connection: Connection) -> None:
+    config = migrations()
+    config.attributes["connection"] = connection
+    if not inspect(connection).has_table("alembic_version"):
+        Base.metadata.create_all(connection)
+        command.stamp(config, "head")
+        return
     # Alembic would read all its scripts, in 0.1 s, to find that there is nothing to do.
     scripts = Path(__file__).parent.glob("migrations/versions/[0-9]*.py")
     newest = max(script.name.partition("_")[0] for script in scripts)
-    known = inspect(connection).has_table("alembic_version")
-    if known and connection.scalar(text("SELECT version_num FROM alembic_version")) == newest:
-        return
-    config = migrations()
-    config.attributes["connection"] = connection
-    command.upgrade(config, "head")
+    if connection.scalar(text("SELECT version_num FROM alembic_version")) != newest:
+        command.upgrade(config, "head")

@@ -39,18 +39,12 @@ class EpisodeStore(Queries):
                 evaluation = await session.get(EvaluationRow, episode.evaluation_id)
                 if evaluation is None or evaluation.state != EvaluationState.RUNNING:
                     raise EvaluationOverError(episode.evaluation_id)
-                scored = select(EpisodeRow.id).where(
-                    EpisodeRow.evaluation_id == episode.evaluation_id,
-                    EpisodeRow.trial_id == episode.trial_id,
-                    EpisodeRow.state == EpisodeState.FINISHED,
-                )
+                of_trial = EpisodeRow.evaluation_id == evaluation.id, EpisodeRow.trial_id == episode.trial_id
+                scored = select(EpisodeRow.id).where(*of_trial, EpisodeRow.state == EpisodeState.FINISHED)
                 if await session.scalar(scored) is not None:
                     raise EvaluationOverError(episode.evaluation_id)
                 # The connection may have broken during an earlier commit that did succeed.
-                ghost = _lost().where(
-                    EpisodeRow.evaluation_id == episode.evaluation_id, EpisodeRow.trial_id == episode.trial_id
-                )
-                await session.execute(ghost)
+                await session.execute(_lost().where(*of_trial))
                 episode.seq = await next_episode(session, episode.evaluation_id)
             await check_there(session, AgentRow, episode.agent_id)
             owner = await owner_of(session, episode.agent_id)
@@ -63,8 +57,7 @@ class EpisodeStore(Queries):
 
     async def episode(self, episode_id: str) -> EpisodeRow | None:
         """Return an episode, or None."""
-        async with self._database.read() as session:
-            return await session.get(EpisodeRow, episode_id)
+        return await self._get(EpisodeRow, episode_id)
 
     async def episodes(
         self,
@@ -83,16 +76,13 @@ class EpisodeStore(Queries):
             query = query.where(EpisodeRow.state == state)
         if after is not None:
             query = query.where(EpisodeRow.seq > after)
-        async with self._database.read() as session:
-            return (await session.scalars(query.limit(limit))).all()
+        return await self._all(query.limit(limit))
 
     async def trials_by_state(self, evaluation_id: str) -> dict[EpisodeState, set[str]]:
         """Return an evaluation's trial ids by the state of their episodes."""
-        async with self._database.read() as session:
-            query = select(EpisodeRow.state, EpisodeRow.trial_id).where(EpisodeRow.evaluation_id == evaluation_id)
-            rows = (await session.execute(query)).all()
+        query = select(EpisodeRow.state, EpisodeRow.trial_id).where(EpisodeRow.evaluation_id == evaluation_id)
         found: dict[EpisodeState, set[str]] = {state: set() for state in EpisodeState}
-        for state, trial in rows:
+        for state, trial in await self._rows(query):
             found[EpisodeState(state)].add(trial)
         return found
 
@@ -124,13 +114,11 @@ class EpisodeStore(Queries):
 
     async def lose_episode(self, episode_id: str, verdict: Verdict | None = None) -> None:
         """Mark an open episode as lost, so that its trial runs again."""
-        async with self._database.write() as session:
-            await session.execute(_lost(verdict=verdict).where(EpisodeRow.id == episode_id))
+        await self._write(_lost(verdict=verdict).where(EpisodeRow.id == episode_id))
 
     async def lose_open_episodes(self) -> int:
         """Mark the episodes that were open when the service last stopped as lost, and return their number."""
-        async with self._database.write() as session:
-            return int(getattr(await session.execute(_lost()), "rowcount", 0))
+        return await self._write(_lost())
 
     async def trajectory(self, episode_id: str) -> tuple[bytes, str] | None:
         """Return a trajectory's canonical JSON and its SHA-256, or None.
@@ -138,9 +126,8 @@ class EpisodeStore(Queries):
         Raises:
             DamagedTrajectoryError: The stored bytes have changed.
         """
-        async with self._database.read() as session:
-            row = await session.get(TrajectoryRow, episode_id)
-            return None if row is None else (await asyncio.to_thread(_unpacked, row), row.sha256)
+        row = await self._get(TrajectoryRow, episode_id)
+        return None if row is None else (await asyncio.to_thread(_unpacked, row), row.sha256)
 
 
 def _lost(**columns: Any) -> Update:

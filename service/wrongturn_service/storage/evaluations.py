@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 
-from sqlalchemy import func, select, update
+from sqlalchemy import ColumnElement, func, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_protocol import EpisodeState, EvaluationState, Outcome
@@ -18,7 +18,7 @@ from wrongturn_service.storage.models import (
 )
 from wrongturn_service.storage.queries import Queries
 from wrongturn_service.storage.usage import ROW, owner_of, size_of
-from wrongturn_service.storage.visible import counting_suites, seen_evaluations
+from wrongturn_service.storage.visible import counting_suites, public_evaluations, seen_evaluations
 
 
 class EvaluationOverError(Exception):
@@ -60,34 +60,30 @@ class EvaluationStore(Queries):
 
     async def evaluation(self, evaluation_id: str) -> EvaluationRow | None:
         """Return an evaluation, or None."""
-        async with self._database.read() as session:
-            return await session.get(EvaluationRow, evaluation_id)
+        return await self._get(EvaluationRow, evaluation_id)
 
     async def is_public(self, evaluation_id: str) -> bool:
         """Return whether everybody may see an evaluation: it is finished, and the operator does not hide it."""
-        async with self._database.read() as session:
-            query = select(EvaluationRow.id).where(
-                EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.FINISHED, seen_evaluations()
-            )
-            return await session.scalar(query) is not None
+        query = select(EvaluationRow.id).where(EvaluationRow.id == evaluation_id, *public_evaluations())
+        return await self._one(query) is not None
 
     async def running_evaluations(self) -> Sequence[EvaluationRow]:
         """Return the evaluations that are neither finished nor cancelled."""
-        async with self._database.read() as session:
-            query = select(EvaluationRow).where(EvaluationRow.state == EvaluationState.RUNNING)
-            return (await session.scalars(query)).all()
+        return await self._all(select(EvaluationRow).where(EvaluationRow.state == EvaluationState.RUNNING))
 
     async def running_since(self) -> list[tuple[str, float, float]]:
         """Return each running evaluation, when it was begun, and when it last had a reset or an episode's end."""
-        async with self._database.read() as session:
-            last = func.max(func.coalesce(EpisodeRow.finished, EpisodeRow.created))
-            query = (
-                select(EvaluationRow.id, EvaluationRow.created, last)
-                .outerjoin(EpisodeRow, EpisodeRow.evaluation_id == EvaluationRow.id)
-                .where(EvaluationRow.state == EvaluationState.RUNNING)
-                .group_by(EvaluationRow.id, EvaluationRow.created)
+        query = (
+            select(
+                EvaluationRow.id,
+                EvaluationRow.created,
+                func.max(func.coalesce(EpisodeRow.finished, EpisodeRow.created)),
             )
-            rows = (await session.execute(query)).all()
+            .outerjoin(EpisodeRow, EpisodeRow.evaluation_id == EvaluationRow.id)
+            .where(EvaluationRow.state == EvaluationState.RUNNING)
+            .group_by(EvaluationRow.id, EvaluationRow.created)
+        )
+        rows = await self._rows(query)
         return [(evaluation, created, max(created, active or created)) for evaluation, created, active in rows]
 
     async def drive_evaluation(self, evaluation_id: str) -> bool:
@@ -102,13 +98,10 @@ class EvaluationStore(Queries):
 
     async def finish_evaluation(self, evaluation_id: str, metrics: str) -> bool:
         """Store an evaluation's metrics. Return False if it was finished before."""
-        async with self._database.write() as session:
-            query = update(EvaluationRow).where(
-                EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.RUNNING
-            )
-            values = {"state": EvaluationState.FINISHED, "finished": time.time(), "metrics": metrics}
-            result = await session.execute(query.values(**values, stored_bytes=size_of(metrics)))
-            return bool(getattr(result, "rowcount", 0))
+        running = EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.RUNNING
+        values = {"state": EvaluationState.FINISHED, "finished": time.time(), "metrics": metrics}
+        finish = update(EvaluationRow).where(*running).values(**values, stored_bytes=size_of(metrics))
+        return bool(await self._write(finish))
 
     async def delete_undriven(self, evaluation_id: str) -> bool:
         """Delete a running evaluation without any step, and keep its secret for the agent's next one on the suite.
@@ -138,9 +131,7 @@ class EvaluationStore(Queries):
                 EpisodeRow.evaluation_id == evaluation_id, EpisodeRow.state == EpisodeState.OPEN
             )
             await session.execute(ghosts.values(state=EpisodeState.LOST, finished=time.time()))
-            scored = select(EpisodeRow.trial_id).where(
-                EpisodeRow.evaluation_id == evaluation_id, EpisodeRow.state == EpisodeState.FINISHED
-            )
+            scored = select(EpisodeRow.trial_id).where(*_scored(evaluation_id))
             done = set((await session.scalars(scored)).all())
             missing = [episode for episode in aborted if episode.trial_id not in done]
             for seq, episode in enumerate(missing, await next_episode(session, evaluation_id)):
@@ -150,19 +141,11 @@ class EvaluationStore(Queries):
 
     async def finished_count(self, evaluation_id: str) -> int:
         """Return how many of an evaluation's episodes have a verdict."""
-        async with self._database.read() as session:
-            query = select(func.count()).where(
-                EpisodeRow.evaluation_id == evaluation_id, EpisodeRow.state == EpisodeState.FINISHED
-            )
-            return await session.scalar(query) or 0
+        return await self._one(select(func.count()).where(*_scored(evaluation_id))) or 0
 
     async def outcomes(self, evaluation_id: str) -> dict[str, Outcome]:
         """Return the outcomes of an evaluation's finished episodes, by trial id."""
-        async with self._database.read() as session:
-            query = select(EpisodeRow.trial_id, EpisodeRow.outcome).where(
-                EpisodeRow.evaluation_id == evaluation_id, EpisodeRow.state == EpisodeState.FINISHED
-            )
-            rows = (await session.execute(query)).all()
+        rows = await self._rows(select(EpisodeRow.trial_id, EpisodeRow.outcome).where(*_scored(evaluation_id)))
         return {trial: Outcome.model_validate_json(outcome) for trial, outcome in rows if outcome is not None}
 
     async def put_results(self, evaluation_id: str, body: str) -> None:
@@ -186,39 +169,33 @@ class EvaluationStore(Queries):
             )
             .group_by(EvaluationRow.agent_id)
         )
-        async with self._database.read() as session:
-            return dict((await session.execute(query)).tuples().all())
+        return dict(await self._rows(query))
 
-    async def first_finished(self, suite: str) -> Sequence[tuple[EvaluationRow, AgentRow]]:
+    async def first_finished(self, suite: str) -> list[tuple[EvaluationRow, AgentRow]]:
         """Return the first evaluation that each agent began on a suite and that is finished: the one that counts.
 
         If the operator hides it, the agent has none.
         """
-        async with self._database.read() as session:
-            query = (
-                select(EvaluationRow, AgentRow, seen_evaluations())
-                .join(AgentRow, AgentRow.id == EvaluationRow.agent_id)
-                .where(EvaluationRow.suite == suite, EvaluationRow.state == EvaluationState.FINISHED, counting_suites())
-                .order_by(EvaluationRow.seq)
-            )
-            rows = (await session.execute(query)).tuples().all()
+        query = (
+            select(EvaluationRow, AgentRow, seen_evaluations())
+            .join(AgentRow, AgentRow.id == EvaluationRow.agent_id)
+            .where(EvaluationRow.suite == suite, EvaluationRow.state == EvaluationState.FINISHED, counting_suites())
+            .order_by(EvaluationRow.seq)
+        )
         first: dict[str, tuple[EvaluationRow, AgentRow, bool]] = {}
-        for evaluation, agent, seen in rows:
+        for evaluation, agent, seen in await self._rows(query):
             first.setdefault(agent.id, (evaluation, agent, seen))
         return [(evaluation, agent) for evaluation, agent, seen in first.values() if seen]
 
     async def finished_summary(self) -> dict[str, tuple[int, float]]:
         """Return for each suite how many agents have finished it, and when the last one did."""
-        async with self._database.read() as session:
-            query = (
-                select(
-                    EvaluationRow.suite, func.count(EvaluationRow.agent_id.distinct()), func.max(EvaluationRow.finished)
-                )
-                .where(EvaluationRow.state == EvaluationState.FINISHED, seen_evaluations(), counting_suites())
-                .group_by(EvaluationRow.suite)
-            )
-            rows = (await session.execute(query)).all()
-        return {suite: (count, newest or 0.0) for suite, count, newest in rows}
+        agents = func.count(EvaluationRow.agent_id.distinct())
+        query = (
+            select(EvaluationRow.suite, agents, func.max(EvaluationRow.finished))
+            .where(*public_evaluations(), counting_suites())
+            .group_by(EvaluationRow.suite)
+        )
+        return {suite: (count, newest or 0.0) for suite, count, newest in await self._rows(query)}
 
     async def check_room(self, owner_id: str, more: int) -> None:
         """Make room for so many bytes of an owner, if need be by deleting its oldest practice.
@@ -228,6 +205,10 @@ class EvaluationStore(Queries):
         """
         async with self._database.write() as session:
             await self._usage.make_room(session, owner_id, more)
+
+
+def _scored(evaluation_id: str) -> tuple[ColumnElement[bool], ...]:
+    return EpisodeRow.evaluation_id == evaluation_id, EpisodeRow.state == EpisodeState.FINISHED
 
 
 async def prepare_evaluation(session: AsyncSession, evaluation: EvaluationRow) -> None:

@@ -13,7 +13,7 @@ from sqlalchemy import Select, func, select
 from wrongturn_protocol import EpisodeState, EvaluationState, FaultKind, Outcome, Trial
 from wrongturn_service.storage.models import AgentRow, EpisodeRow, EvaluationRow, TrajectoryRow
 from wrongturn_service.storage.queries import Queries
-from wrongturn_service.storage.visible import counting_suites, has_evaluation, seen_agents, seen_evaluations
+from wrongturn_service.storage.visible import counting_suites, has_evaluation, public_evaluations, seen_agents
 
 
 class FinishedEpisode(NamedTuple):
@@ -58,36 +58,25 @@ class FinishedStore(Queries):
 
     async def of_agent(self, agent_id: str) -> Sequence[EvaluationRow]:
         """Return an agent's finished evaluations in the order in which they were begun."""
-        query = select(EvaluationRow).where(
-            EvaluationRow.agent_id == agent_id, EvaluationRow.state == EvaluationState.FINISHED, seen_evaluations()
-        )
-        async with self._database.read() as session:
-            return (await session.scalars(query.order_by(EvaluationRow.seq))).all()
+        query = select(EvaluationRow).where(EvaluationRow.agent_id == agent_id, *public_evaluations())
+        return await self._all(query.order_by(EvaluationRow.seq))
 
     async def counting(self, agent_id: str) -> set[str]:
         """Return the ids of an agent's evaluations that count: the first on each suite, hidden ones too."""
         query = select(EvaluationRow.suite, EvaluationRow.id).where(
             EvaluationRow.agent_id == agent_id, EvaluationRow.state == EvaluationState.FINISHED, counting_suites()
         )
-        first: dict[str, str] = {}
-        async with self._database.read() as session:
-            found = await session.execute(query.order_by(EvaluationRow.seq))
-        for suite, evaluation in found.tuples():
-            first.setdefault(suite, evaluation)
-        return set(first.values())
+        # Of a suite's evaluations, the first one stays.
+        return set(dict(await self._rows(query.order_by(EvaluationRow.seq.desc()))).values())
 
     async def evaluation(self, evaluation_id: str) -> tuple[EvaluationRow, AgentRow] | None:
         """Return a finished evaluation and its agent, or None."""
         query = (
             select(EvaluationRow, AgentRow)
             .join(AgentRow, AgentRow.id == EvaluationRow.agent_id)
-            .where(
-                EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.FINISHED, seen_evaluations()
-            )
+            .where(EvaluationRow.id == evaluation_id, *public_evaluations())
         )
-        async with self._database.read() as session:
-            row = (await session.execute(query)).first()
-        return None if row is None else (row[0], row[1])
+        return next(iter(await self._rows(query)), None)
 
     async def episodes(self, evaluation_id: str) -> list[FinishedEpisode]:
         """Return an evaluation's episodes in the order of their resets; none if it is not finished."""
@@ -128,23 +117,17 @@ class FinishedStore(Queries):
             select(TrajectoryRow.episode_id, TrajectoryRow.data)
             .join(EpisodeRow, EpisodeRow.id == TrajectoryRow.episode_id)
             .join(EvaluationRow, EvaluationRow.id == EpisodeRow.evaluation_id)
-            .where(
-                EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.FINISHED, seen_evaluations()
-            )
+            .where(EvaluationRow.id == evaluation_id, *public_evaluations())
         )
         if episodes is not None:
             query = query.where(TrajectoryRow.episode_id.in_(episodes))
-        async with self._database.read() as session:
-            rows = (await session.execute(query)).tuples().all()
+        rows = await self._rows(query)
         return await asyncio.to_thread(lambda: {episode: zlib.decompress(data) for episode, data in rows})
 
     async def _episodes(self, query: "Select[str, str, str, str | None]") -> list[FinishedEpisode]:
-        async with self._database.read() as session:
-            rows = (await session.execute(query)).tuples().all()
         return [
             FinishedEpisode(row, evaluation, Trial.model_validate_json(trial), Outcome.model_validate_json(outcome))
-            for row, evaluation, trial, outcome in rows
-            if outcome is not None
+            for row, evaluation, trial, outcome in await self._rows(query)
         ]
 
 
@@ -152,11 +135,6 @@ def _shown() -> "Select[str, str, str, str | None]":
     return (
         select(EpisodeRow.id, EvaluationRow.id, EpisodeRow.trial, EpisodeRow.outcome)
         .join(EvaluationRow, EvaluationRow.id == EpisodeRow.evaluation_id)
-        .where(
-            EvaluationRow.state == EvaluationState.FINISHED,
-            EpisodeRow.state == EpisodeState.FINISHED,
-            EpisodeRow.outcome.is_not(None),
-            seen_evaluations(),
-        )
+        .where(*public_evaluations(), EpisodeRow.state == EpisodeState.FINISHED, EpisodeRow.outcome.is_not(None))
         .order_by(EpisodeRow.seq)
     )

@@ -333,8 +333,6 @@ class AuditRow(Base):
     """Why, as the operator says."""
     counts: Mapped[str] = mapped_column(Text)
     """JSON: how many rows of each kind were changed."""
-    done: Mapped[bool] = mapped_column(Boolean)
-    """False while a deletion runs, and for good if the service died meanwhile."""
 
 
 class ProbeRow(Base):

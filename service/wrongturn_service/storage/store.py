@@ -37,8 +37,7 @@ class Store(AccountStore, EvaluationStore, EpisodeStore):
 
     async def reply(self, scope: str, key_sha256: str) -> IdempotencyRow | None:
         """Return the stored reply to a request with this key, or None."""
-        async with self._database.read() as session:
-            return await session.get(IdempotencyRow, (scope, key_sha256))
+        return await self._get(IdempotencyRow, (scope, key_sha256))
 
     async def purge(
         self, *, practice_before: float, replies_before: float, abandoned_before: float, unused_before: float

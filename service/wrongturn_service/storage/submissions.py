@@ -99,13 +99,11 @@ class SubmissionStore(Queries):
 
     async def get(self, submission_id: str) -> SubmissionRow | None:
         """Return a submission, or None."""
-        async with self._database.read() as session:
-            return await session.get(SubmissionRow, submission_id)
+        return await self._get(SubmissionRow, submission_id)
 
     async def by_token(self, token_sha256: str) -> SubmissionRow | None:
         """Return the submission whose runner has this token, or None."""
-        async with self._database.read() as session:
-            return await session.scalar(select(SubmissionRow).where(SubmissionRow.token_sha256 == token_sha256))
+        return await self._one(select(SubmissionRow).where(SubmissionRow.token_sha256 == token_sha256))
 
     async def newest(
         self, *, owner: str | None = None, agent: str | None = None, before: int | None = None, limit: int | None = None
@@ -121,14 +119,12 @@ class SubmissionStore(Queries):
             query = query.where(SubmissionRow.agent_id == agent)
         if before is not None:
             query = query.where(SubmissionRow.seq < before)
-        async with self._database.read() as session:
-            return (await session.scalars(query)).all()
+        return await self._all(query)
 
     async def waiting(self, *states: SubmissionState) -> Sequence[SubmissionRow]:
         """Return the submissions in these states in the order of arrival. Without any, all that wait or run."""
-        async with self._database.read() as session:
-            query = select(SubmissionRow).where(SubmissionRow.state.in_(states or OPEN))
-            return (await session.scalars(query.order_by(SubmissionRow.seq))).all()
+        query = select(SubmissionRow).where(SubmissionRow.state.in_(states or OPEN))
+        return await self._all(query.order_by(SubmissionRow.seq))
 
     async def progress(self, evaluation_ids: Iterable[str]) -> dict[str, tuple[int, int]]:
         """Return how many episodes of each evaluation were driven to their end, and how many it has.
@@ -282,9 +278,8 @@ class SubmissionStore(Queries):
         begun = select(EvaluationRow.id).where(EvaluationRow.agent_id == SubmissionRow.agent_id).exists()
         made = and_(SubmissionRow.agent_made, SubmissionRow.agent_id.is_not(None), ~begun)
         ended = SubmissionRow.state.in_((SubmissionState.FAILED, SubmissionState.CANCELLED))
-        async with self._database.read() as session:
-            query = select(SubmissionRow).where(ended, or_(running, made)).order_by(SubmissionRow.seq)
-            return (await session.scalars(query)).all()
+        query = select(SubmissionRow).where(ended, or_(running, made)).order_by(SubmissionRow.seq)
+        return await self._all(query)
 
     async def append_log(self, submission_id: str, message: str) -> None:
         """Add a line to a submission's log, unless the submission was deleted."""
@@ -298,9 +293,8 @@ class SubmissionStore(Queries):
 
     async def log(self, submission_id: str) -> Sequence[SubmissionLogRow]:
         """Return a submission's log, oldest line first."""
-        async with self._database.read() as session:
-            query = select(SubmissionLogRow).where(SubmissionLogRow.submission_id == submission_id)
-            return (await session.scalars(query.order_by(SubmissionLogRow.number))).all()
+        query = select(SubmissionLogRow).where(SubmissionLogRow.submission_id == submission_id)
+        return await self._all(query.order_by(SubmissionLogRow.number))
 
     async def purge_logs(self, before: float) -> None:
         """Delete the logs of submissions that were over before a time, seconds since 1970."""

@@ -2,6 +2,7 @@
 
 from sqlalchemy import ColumnElement, and_, select
 
+from wrongturn_protocol import EvaluationState
 from wrongturn_service.storage import held
 from wrongturn_service.storage.models import AgentRow, EvaluationRow, HeldRow, OwnerRow
 
@@ -27,6 +28,11 @@ def seen_evaluations() -> ColumnElement[bool]:
     """Return the condition of evaluations that everybody may see once they are finished."""
     seen = select(AgentRow.id).where(AgentRow.id == EvaluationRow.agent_id, seen_agents())
     return and_(EvaluationRow.hidden.is_(False), seen.correlate(EvaluationRow).exists())
+
+
+def public_evaluations() -> tuple[ColumnElement[bool], ...]:
+    """Return the conditions of evaluations that everybody sees: finished, and not hidden."""
+    return EvaluationRow.state == EvaluationState.FINISHED, seen_evaluations()
 
 
 def counting_suites() -> ColumnElement[bool]:
