@@ -112,7 +112,10 @@ class Administration:
             found = await self.rows.item(collection, item_id)
             if found is not None:
                 _check_not_shipped(found)
-            deleted = await self.rows.delete(collection, item_id, act, free=free)
+            counts = await self.rows.contents(collection, item_id)
+            while await self.rows.delete_trajectories(collection, item_id):
+                pass
+            deleted = await self.rows.delete(collection, item_id, counts, act, free=free)
             if deleted is None:
                 before = await self.rows.deleted_before(collection, item_id, act, free=free)
                 if before is None:
@@ -130,7 +133,6 @@ class Administration:
             await self._closings.drop(deleted.evaluations, holders)
             for submission in deleted.submissions:
                 await asyncio.to_thread(self._submissions.files.delete, submission)
-        counts = deleted.contents
         self._log.warning("deleted", kind=collection.one, id=item_id, **counts.model_dump(exclude_defaults=True))
         return Deletion(id=item_id, name=deleted.name, deleted=counts, held=deleted.held)
 

@@ -22,7 +22,8 @@ from wrongturn_service.app import create_app
 from wrongturn_service.errors import StartupError
 from wrongturn_service.service import Service
 from wrongturn_service.settings import Settings
-from wrongturn_service.socket.guards import Guard, GuardedHttp, GuardedWebSocket
+from wrongturn_service.socket.guards import Guard, GuardedHttp
+from wrongturn_service.socket.protocol import DirectWebSocket
 
 READY = "Wrongturn is ready at "
 _KEEP_ALIVE_S = 75
@@ -118,7 +119,7 @@ def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
         app,
         loop="uvloop",
         http=cast(type[asyncio.Protocol], partial(GuardedHttp, guard=guard)),
-        ws=cast(type[asyncio.Protocol], partial(GuardedWebSocket, guard=guard)),
+        ws=cast(type[asyncio.Protocol], partial(DirectWebSocket, guard=guard)),
         # Compressing pictures costs more than it saves. The service's own limit gives a clearer error.
         ws_per_message_deflate=False,
         ws_max_size=2 * wire.LARGEST,

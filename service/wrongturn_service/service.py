@@ -20,7 +20,6 @@ from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.episodes import Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations
 from wrongturn_service.episodes.open_episode import Limits, Most, Registry
-from wrongturn_service.episodes.queue import Limits as QueueLimits
 from wrongturn_service.episodes.queue import SimulatorQueue
 from wrongturn_service.episodes.resets import Resets
 from wrongturn_service.errors import StartupError
@@ -126,7 +125,7 @@ async def run_service(
         leaderboards = Leaderboards(store)
         evaluations = RunningEvaluations(store, telemetry, leaderboards.forget)
         await evaluations.resume()
-        queue = SimulatorQueue(pool.slots, QueueLimits(settings.max_waiting, settings.max_line))
+        queue = SimulatorQueue(pool.slots, settings.max_waiting, settings.max_line)
         driver = EpisodeDriver(pool, queue, telemetry)
         episodes = Episodes(
             store,

@@ -13,7 +13,6 @@ import pytest
 from campaign import Report, run
 from databases import File, Server, server
 from moments import ALL, NO_SERVER, moments
-from summary import show
 from worker import HTTP, SOCKET
 
 FEW_SEATS = (("careful", HTTP, 1), ("careful", SOCKET, 2))
@@ -29,7 +28,7 @@ def postgres() -> Iterator[Server]:
 
 
 def check(report: Report, kills: int) -> None:
-    show([report])
+    report.show()
     assert report.kills.total() == kills
     assert not report.findings.bad, report.findings.bad
     assert report.findings.acknowledged > 0

@@ -1,7 +1,7 @@
 """An address that tries to fill the disk: its quota holds, and others drive on.
 
-A second of it runs with the others. ``pytest -m soak -s tests/service/test_disk_filler.py`` takes a minute, against a
-service with real simulators, and prints the figures.
+``pytest -m soak -s tests/service/test_disk_filler.py`` takes a minute, and prints the figures. Each quota alone is
+shown in ``test_quotas.py``.
 """
 
 import contextlib
@@ -16,8 +16,7 @@ from typing import Any
 
 import httpx
 import pytest
-from clocked_service import ClockedService
-from service_harness import GAS, RunningService, Service, expect
+from service_harness import GAS, RunningService, expect
 
 ATTACKER = "127.0.0.2"
 MIB = 1 << 20
@@ -132,7 +131,7 @@ def _size(database: Path) -> int:
     return database.stat().st_size
 
 
-def _filled(service: Service, database: Path, seconds: float) -> None:
+def _filled(service: RunningService, database: Path, seconds: float) -> None:
     """Let an address fill the disk for so long while somebody else practises. Print the figures, and check them."""
     filler, longest, driven, most = Filler(service.url), 0.0, 0, 0
     before = _size(database)
@@ -159,24 +158,8 @@ def _filled(service: Service, database: Path, seconds: float) -> None:
     assert not [status for _, status in filler.statuses if status >= 500 and status not in {503, 507}]
 
 
-def test_an_address_cannot_fill_the_disk(tmp_path: Path) -> None:
-    database = tmp_path / "wrongturn.db"
-    service = ClockedService(database, slots=8, **LIMITS)
-    try:
-        with contextlib.closing(sqlite3.connect(database)) as connection:
-            # An earlier owner of the address has nearly all of it.
-            query = (
-                "INSERT INTO owners (id, name, name_key, created, origin, stored_bytes) VALUES ('o', 'o', 'o', 0, ?, ?)"
-            )
-            connection.execute(query, (ATTACKER, QUOTA - 60_000))
-            connection.commit()
-        _filled(service, database, 1)
-    finally:
-        service.close()
-
-
 @pytest.mark.soak
-def test_an_address_cannot_fill_the_disk_in_a_minute(tmp_path: Path) -> None:
+def test_an_address_cannot_fill_the_disk(tmp_path: Path) -> None:
     database = tmp_path / "wrongturn.db"
     service = RunningService(database, simulators=8, **LIMITS)
     assert service.ready, service.stderr

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from app_harness import application, play, register, step, until
+from app_harness import application, register, step, until
 from fake_pool import FakePool
 from service_harness import COAST, expect, problem
 
@@ -15,304 +15,255 @@ from wrongturn_service.episodes import driver
 PRACTICE = {"town": "Town01", "approach": "J3-S"}
 
 
-def test_a_silent_agents_simulator_goes_to_others_and_is_rebuilt(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool(slots=1)
-        async with application(tmp_path, pool, lease_release_s=10) as http:
-            silent = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
-            expect(await step(http, silent, 1), 200)
-            problem(await http.post("/v1/episodes", json=PRACTICE), 503, "simulators-busy")
-            http.clock.now += 10
-            await until(lambda: not pool.taken)
-            other = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
-            response = await step(http, silent, 2)
-            problem(response, 503, "simulators-busy")
-            assert int(response.headers["retry-after"]) >= 1
-            assert (await http.delete(f"/v1/episodes/{other}")).status_code == 204
-            assert expect(await step(http, silent, 2), 200)["observation"]["speed"] == 2.0
-            assert pool.replays == 1
-
-    play(story)
+async def test_a_silent_agents_simulator_goes_to_others_and_is_rebuilt(tmp_path: Path) -> None:
+    pool = FakePool(slots=1)
+    async with application(tmp_path, pool, lease_release_s=10) as http:
+        silent = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
+        expect(await step(http, silent, 1), 200)
+        problem(await http.post("/v1/episodes", json=PRACTICE), 503, "simulators-busy")
+        http.clock.now += 10
+        await until(lambda: not pool.taken)
+        other = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
+        response = await step(http, silent, 2)
+        problem(response, 503, "simulators-busy")
+        assert int(response.headers["retry-after"]) >= 1
+        assert (await http.delete(f"/v1/episodes/{other}")).status_code == 204
+        assert expect(await step(http, silent, 2), 200)["observation"]["speed"] == 2.0
+        assert pool.replays == 1
 
 
-def test_an_agent_that_does_not_come_back(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        async with application(tmp_path, pool, lease_release_s=10, lease_abort_s=600) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
-            reset = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)
-            assert reset["lease_expires_in_s"] == 600
-            expect(await step(http, reset["id"], 1), 200)
-            http.clock.now += 600
-            await until(lambda: http.app.state.service.episodes.open == 0)  # type: ignore[attr-defined]
-            problem(await step(http, reset["id"], 2), 409, "episode-finished")
-            assert expect(await http.get(f"/v1/evaluations/{evaluation}"), 200)["finished"] == 1
-            row = await http.app.state.service.store.episode(reset["id"])  # type: ignore[attr-defined]
-            assert (row.verdict, row.steps) == ("aborted", 1)
-            assert not pool.taken
-
-    play(story)
+async def test_an_agent_that_does_not_come_back(tmp_path: Path) -> None:
+    pool = FakePool()
+    async with application(tmp_path, pool, lease_release_s=10, lease_abort_s=600) as http:
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        reset = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)
+        assert reset["lease_expires_in_s"] == 600
+        expect(await step(http, reset["id"], 1), 200)
+        http.clock.now += 600
+        await until(lambda: http.app.state.service.episodes.open == 0)  # type: ignore[attr-defined]
+        problem(await step(http, reset["id"], 2), 409, "episode-finished")
+        assert expect(await http.get(f"/v1/evaluations/{evaluation}"), 200)["finished"] == 1
+        row = await http.app.state.service.store.episode(reset["id"])  # type: ignore[attr-defined]
+        assert (row.verdict, row.steps) == ("aborted", 1)
+        assert not pool.taken
 
 
-def test_a_simulator_that_dies_at_each_try_makes_the_episode_invalid_and_its_trial_runs_again(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        async with application(tmp_path, pool) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
-            episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
-            expect(await step(http, episode, 1), 200)
-            pool.deaths_at_step += [None] * 4
-            problem(await step(http, episode, 2), 410, "episode-lost")
-            problem(await step(http, episode, 2), 410, "episode-lost")
-            row = await http.app.state.service.store.episode(episode)  # type: ignore[attr-defined]
-            assert row.verdict == "invalid"
-            pool.deaths_at_step.clear()
-            trials = []
-            while (response := await http.post(f"/v1/evaluations/{evaluation}/episodes")).status_code == 201:
-                again = response.json()["id"]
-                trials.append((await http.app.state.service.store.episode(again)).trial_id)  # type: ignore[attr-defined]
-                for seq in range(1, 11):
-                    last = expect(await step(http, again, seq), 200)
-                assert last["terminated"]
-            assert trials[0] == row.trial_id
-            assert len(set(trials)) == len(trials) == 12
-            assert expect(await http.get(f"/v1/evaluations/{evaluation}"), 200)["state"] == "finished"
-            assert not pool.taken
-
-    play(story)
-
-
-def test_a_replay_that_differs_is_never_gone_on_with(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        async with application(tmp_path, pool) as http:
-            episode = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
-            expect(await step(http, episode, 1), 200)
-            pool.deaths_at_step += [None]
-            pool.drift = 0.5
-            problem(await step(http, episode, 2), 410, "episode-lost")
-            assert not pool.taken
-
-    play(story)
+async def test_a_simulator_that_dies_at_each_try_makes_the_episode_invalid_and_its_trial_runs_again(
+    tmp_path: Path,
+) -> None:
+    pool = FakePool()
+    async with application(tmp_path, pool) as http:
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
+        expect(await step(http, episode, 1), 200)
+        pool.deaths_at_step += [None] * 4
+        problem(await step(http, episode, 2), 410, "episode-lost")
+        problem(await step(http, episode, 2), 410, "episode-lost")
+        row = await http.app.state.service.store.episode(episode)  # type: ignore[attr-defined]
+        assert row.verdict == "invalid"
+        pool.deaths_at_step.clear()
+        trials = []
+        while (response := await http.post(f"/v1/evaluations/{evaluation}/episodes")).status_code == 201:
+            again = response.json()["id"]
+            trials.append((await http.app.state.service.store.episode(again)).trial_id)  # type: ignore[attr-defined]
+            for seq in range(1, 11):
+                last = expect(await step(http, again, seq), 200)
+            assert last["terminated"]
+        assert trials[0] == row.trial_id
+        assert len(set(trials)) == len(trials) == 12
+        assert expect(await http.get(f"/v1/evaluations/{evaluation}"), 200)["state"] == "finished"
+        assert not pool.taken
 
 
-def test_a_few_deaths_are_not_noticed(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        pool.deaths_at_reset += [None] * 2
-        async with application(tmp_path, pool) as http:
-            episode = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
-            for seq in range(1, 10):
-                if seq in {2, 5}:
-                    pool.deaths_at_step += [None] * 2
-                if seq == 7:
-                    pool.deaths_at_step += [None]
-                    pool.deaths_at_reset += [None]
-                assert expect(await step(http, episode, seq), 200)["observation"]["speed"] == seq
-            pool.deaths_at_abort += [None]
-            assert (await http.delete(f"/v1/episodes/{episode}")).status_code == 204
-            pool.deaths_at_reset += [None] * 3
-            problem(await http.post("/v1/episodes", json=PRACTICE), 503, "simulator-failed")
-            assert not pool.taken
-
-    play(story)
+async def test_a_replay_that_differs_is_never_gone_on_with(tmp_path: Path) -> None:
+    pool = FakePool()
+    async with application(tmp_path, pool) as http:
+        episode = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
+        expect(await step(http, episode, 1), 200)
+        pool.deaths_at_step += [None]
+        pool.drift = 0.5
+        problem(await step(http, episode, 2), 410, "episode-lost")
+        assert not pool.taken
 
 
-def test_deaths_while_a_simulator_starts_are_not_noticed(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        async with application(tmp_path, pool) as http:
-            pool.deaths_at_start += [None] * 2
-            episode = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
-            expect(await step(http, episode, 1), 200)
-            pool.deaths_at_step += [None]
-            pool.deaths_at_start += [None] * 2
-            assert expect(await step(http, episode, 2), 200)["observation"]["speed"] == 2
-            pool.deaths_at_step += [None]
-            pool.deaths_at_start += [None]
-            pool.deaths_at_reset += [None]
-            assert expect(await step(http, episode, 3), 200)["observation"]["speed"] == 3
-            assert not pool.deaths_at_start
-
-    play(story)
-
-
-def test_simulators_that_never_start_are_told_after_a_few_tries(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        async with application(tmp_path, pool) as http:
-            episode = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
-            expect(await step(http, episode, 1), 200)
-            pool.deaths_at_start += [None] * 1000
-            pool.deaths_at_step += [None]
-            for call in (http.post("/v1/episodes", json=PRACTICE), step(http, episode, 2)):
-                before = pool.starts
-                refused = problem(await call, 503, "simulator-failed")
-                assert "no simulator could be started" in refused["detail"]
-                assert pool.starts - before == 3
-            pool.deaths_at_start.clear()
-            assert expect(await step(http, episode, 2), 200)["observation"]["speed"] == 2
-            assert len(pool.taken) == 1
-
-    play(story)
+async def test_a_few_deaths_are_not_noticed(tmp_path: Path) -> None:
+    pool = FakePool()
+    pool.deaths_at_reset += [None] * 2
+    async with application(tmp_path, pool) as http:
+        episode = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
+        for seq in range(1, 10):
+            if seq in {2, 5}:
+                pool.deaths_at_step += [None] * 2
+            if seq == 7:
+                pool.deaths_at_step += [None]
+                pool.deaths_at_reset += [None]
+            assert expect(await step(http, episode, seq), 200)["observation"]["speed"] == seq
+        pool.deaths_at_abort += [None]
+        assert (await http.delete(f"/v1/episodes/{episode}")).status_code == 204
+        pool.deaths_at_reset += [None] * 3
+        problem(await http.post("/v1/episodes", json=PRACTICE), 503, "simulator-failed")
+        assert not pool.taken
 
 
-def test_a_start_that_lasted_is_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        async with application(tmp_path, pool) as http:
-            monkeypatch.setattr(driver, "START_PATIENCE_S", -1.0)
-            pool.deaths_at_start += [None]
-            problem(await http.post("/v1/episodes", json=PRACTICE), 503, "simulator-failed")
-            assert pool.starts == 1
-
-    play(story)
-
-
-def test_an_abort_needs_no_simulator_that_works(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        async with application(tmp_path, pool) as http:
-            episode = expect(await http.post("/v1/episodes", json={**PRACTICE, "fault": "omission"}), 201)["id"]
-            expect(await step(http, episode, 1), 200)
-            pool.deaths_at_abort += [None] * 10
-            assert (await http.delete(f"/v1/episodes/{episode}")).status_code == 204
-            shown = expect(await http.get(f"/v1/episodes/{episode}"), 200)
-            assert (shown["outcome"]["verdict"], shown["outcome"]["time"]) == ("aborted", 0.1)
-
-    play(story)
+async def test_deaths_while_a_simulator_starts_are_not_noticed(tmp_path: Path) -> None:
+    pool = FakePool()
+    async with application(tmp_path, pool) as http:
+        pool.deaths_at_start += [None] * 2
+        episode = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
+        expect(await step(http, episode, 1), 200)
+        pool.deaths_at_step += [None]
+        pool.deaths_at_start += [None] * 2
+        assert expect(await step(http, episode, 2), 200)["observation"]["speed"] == 2
+        pool.deaths_at_step += [None]
+        pool.deaths_at_start += [None]
+        pool.deaths_at_reset += [None]
+        assert expect(await step(http, episode, 3), 200)["observation"]["speed"] == 3
+        assert not pool.deaths_at_start
 
 
-def test_what_the_simulation_refuses(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        pool.refuse = True
-        async with application(tmp_path, pool) as http:
-            problem(await http.post("/v1/episodes", json=PRACTICE), 422, "fault-not-applicable", "fault")
-            assert not pool.taken
-
-    play(story)
-
-
-def test_so_many_practice_episodes_and_no_more(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool(), max_practice=2) as http:
-            opened = [expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"] for _ in range(2)]
-            problem(await http.post("/v1/episodes", json=PRACTICE), 429, "rate-limited")
-            await http.delete(f"/v1/episodes/{opened[0]}")
-            expect(await http.post("/v1/episodes", json=PRACTICE), 201)
-
-    play(story)
+async def test_simulators_that_never_start_are_told_after_a_few_tries(tmp_path: Path) -> None:
+    pool = FakePool()
+    async with application(tmp_path, pool) as http:
+        episode = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
+        expect(await step(http, episode, 1), 200)
+        pool.deaths_at_start += [None] * 1000
+        pool.deaths_at_step += [None]
+        for call in (http.post("/v1/episodes", json=PRACTICE), step(http, episode, 2)):
+            before = pool.starts
+            refused = problem(await call, 503, "simulator-failed")
+            assert "no simulator could be started" in refused["detail"]
+            assert pool.starts - before == 3
+        pool.deaths_at_start.clear()
+        assert expect(await step(http, episode, 2), 200)["observation"]["speed"] == 2
+        assert len(pool.taken) == 1
 
 
-def test_so_many_episodes_of_an_evaluation_and_no_more(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool(), max_parallel=2) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)
-            assert evaluation["max_parallel"] == 2
-            url = f"/v1/evaluations/{evaluation['id']}/episodes"
-            for _ in range(2):
-                expect(await http.post(url), 201)
-            response = await http.post(url)
-            problem(response, 409, "no-trial-available")
-            assert response.headers["retry-after"] == "1"
-
-    play(story)
+async def test_a_start_that_lasted_is_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pool = FakePool()
+    async with application(tmp_path, pool) as http:
+        monkeypatch.setattr(driver, "START_PATIENCE_S", -1.0)
+        pool.deaths_at_start += [None]
+        problem(await http.post("/v1/episodes", json=PRACTICE), 503, "simulator-failed")
+        assert pool.starts == 1
 
 
-def test_an_evaluation_in_parallel_never_drives_a_trial_beside_its_twin(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool(slots=12)
-        async with application(tmp_path, pool, max_parallel=12) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
-            store = http.app.state.service.store  # type: ignore[attr-defined]
-            pairs: set[str] = set()
-
-            async def work() -> int:
-                driven = 0
-                while True:
-                    response = await http.post(f"/v1/evaluations/{evaluation}/episodes")
-                    if response.status_code == 409:
-                        if response.json()["type"].endswith("evaluation-finished"):
-                            return driven
-                        await asyncio.sleep(0.01)
-                        continue
-                    episode = expect(response, 201)["id"]
-                    trial = Trial.model_validate_json((await store.episode(episode)).trial)
-                    pair = trial.id if trial.fault.kind == "none" else twin_id(trial)
-                    assert pair not in pairs
-                    pairs.add(pair)
-                    for seq in range(1, 10):
-                        expect(await step(http, episode, seq, COAST), 200)
-                    pairs.discard(pair)
-                    expect(await step(http, episode, 10, COAST), 200)
-                    driven += 1
-
-            assert sum(await asyncio.gather(*(work() for _ in range(8)))) == 12
-            assert pool.most > 1
-
-    play(story)
+async def test_an_abort_needs_no_simulator_that_works(tmp_path: Path) -> None:
+    pool = FakePool()
+    async with application(tmp_path, pool) as http:
+        episode = expect(await http.post("/v1/episodes", json={**PRACTICE, "fault": "omission"}), 201)["id"]
+        expect(await step(http, episode, 1), 200)
+        pool.deaths_at_abort += [None] * 10
+        assert (await http.delete(f"/v1/episodes/{episode}")).status_code == 204
+        shown = expect(await http.get(f"/v1/episodes/{episode}"), 200)
+        assert (shown["outcome"]["verdict"], shown["outcome"]["time"]) == ("aborted", 0.1)
 
 
-def test_so_many_registrations_from_one_address(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool(), registration_limit=2, operator_token="secret") as http:
-            owner = expect(await register(http, "/v1/owners", name="two"), 201)
-            response = await register(http, name="three", track="camera")
-            assert "WRONGTURN_REGISTRATION_LIMIT" in problem(response, 429, "rate-limited")["detail"]
-            hers = {"Authorization": f"Bearer {owner['token']}"}
-            for name in ("five", "six"):  # which count to their owner
-                expect(await http.post("/v1/agents", json={"name": name, "track": "camera"}, headers=hers), 201)
-            problem(await register(http, "/v1/owners", name="four"), 429, "rate-limited")
-            assert 3500 < int(response.headers["retry-after"]) <= 3601
-            headers = {"Authorization": "Bearer secret"}
-            expect(await http.post("/v1/agents", json={"name": "four", "track": "camera"}, headers=headers), 201)
-
-    play(story)
+async def test_what_the_simulation_refuses(tmp_path: Path) -> None:
+    pool = FakePool()
+    pool.refuse = True
+    async with application(tmp_path, pool) as http:
+        problem(await http.post("/v1/episodes", json=PRACTICE), 422, "fault-not-applicable", "fault")
+        assert not pool.taken
 
 
-def test_a_service_that_is_about_to_end(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            http.app.state.service.episodes.stopping = True  # type: ignore[attr-defined]
-            problem(await http.get("/health/ready"), 503, "shutting-down")
-            problem(await http.post("/v1/episodes", json=PRACTICE), 503, "shutting-down")
-            expect(await http.get("/health/live"), 200)
-
-    play(story)
+async def test_so_many_practice_episodes_and_no_more(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool(), max_practice=2) as http:
+        opened = [expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"] for _ in range(2)]
+        problem(await http.post("/v1/episodes", json=PRACTICE), 429, "rate-limited")
+        await http.delete(f"/v1/episodes/{opened[0]}")
+        expect(await http.post("/v1/episodes", json=PRACTICE), 201)
 
 
-def test_a_mistake_of_ours_tells_nothing_of_itself(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            service = http.app.state.service  # type: ignore[attr-defined]
-
-            async def broken() -> None:
-                raise KeyError("a secret of the house")
-
-            service.store.ping = broken
-            response = await http.get("/health/ready")
-            problem(response, 500, "internal")
-            assert "secret of the house" not in response.text
-
-    play(story)
+async def test_so_many_episodes_of_an_evaluation_and_no_more(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool(), max_parallel=2) as http:
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)
+        assert evaluation["max_parallel"] == 2
+        url = f"/v1/evaluations/{evaluation['id']}/episodes"
+        for _ in range(2):
+            expect(await http.post(url), 201)
+        response = await http.post(url)
+        problem(response, 409, "no-trial-available")
+        assert response.headers["retry-after"] == "1"
 
 
-def test_metrics_that_fail_are_computed_later(tmp_path: Path, monkeypatch: Any) -> None:
+async def test_an_evaluation_in_parallel_never_drives_a_trial_beside_its_twin(tmp_path: Path) -> None:
+    pool = FakePool(slots=12)
+    async with application(tmp_path, pool, max_parallel=12) as http:
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        store = http.app.state.service.store  # type: ignore[attr-defined]
+        pairs: set[str] = set()
+
+        async def work() -> int:
+            driven = 0
+            while True:
+                response = await http.post(f"/v1/evaluations/{evaluation}/episodes")
+                if response.status_code == 409:
+                    if response.json()["type"].endswith("evaluation-finished"):
+                        return driven
+                    await asyncio.sleep(0.01)
+                    continue
+                episode = expect(response, 201)["id"]
+                trial = Trial.model_validate_json((await store.episode(episode)).trial)
+                pair = trial.id if trial.fault.kind == "none" else twin_id(trial)
+                assert pair not in pairs
+                pairs.add(pair)
+                for seq in range(1, 10):
+                    expect(await step(http, episode, seq, COAST), 200)
+                pairs.discard(pair)
+                expect(await step(http, episode, 10, COAST), 200)
+                driven += 1
+
+        assert sum(await asyncio.gather(*(work() for _ in range(8)))) == 12
+        assert pool.most > 1
+
+
+async def test_so_many_registrations_from_one_address(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool(), registration_limit=2, operator_token="secret") as http:
+        owner = expect(await register(http, "/v1/owners", name="two"), 201)
+        response = await register(http, name="three", track="camera")
+        assert "WRONGTURN_REGISTRATION_LIMIT" in problem(response, 429, "rate-limited")["detail"]
+        hers = {"Authorization": f"Bearer {owner['token']}"}
+        for name in ("five", "six"):  # which count to their owner
+            expect(await http.post("/v1/agents", json={"name": name, "track": "camera"}, headers=hers), 201)
+        problem(await register(http, "/v1/owners", name="four"), 429, "rate-limited")
+        assert 3500 < int(response.headers["retry-after"]) <= 3601
+        headers = {"Authorization": "Bearer secret"}
+        expect(await http.post("/v1/agents", json={"name": "four", "track": "camera"}, headers=headers), 201)
+
+
+async def test_a_service_that_is_about_to_end(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool()) as http:
+        http.app.state.service.episodes.stopping = True  # type: ignore[attr-defined]
+        problem(await http.get("/health/ready"), 503, "shutting-down")
+        problem(await http.post("/v1/episodes", json=PRACTICE), 503, "shutting-down")
+        expect(await http.get("/health/live"), 200)
+
+
+async def test_a_mistake_of_ours_tells_nothing_of_itself(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool()) as http:
+        service = http.app.state.service  # type: ignore[attr-defined]
+
+        async def broken() -> None:
+            raise KeyError("a secret of the house")
+
+        service.store.ping = broken
+        response = await http.get("/health/ready")
+        problem(response, 500, "internal")
+        assert "secret of the house" not in response.text
+
+
+async def test_metrics_that_fail_are_computed_later(tmp_path: Path, monkeypatch: Any) -> None:
     from wrongturn_judge import metrics
 
     compute = metrics.compute
 
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
-            monkeypatch.setattr(metrics, "compute", lambda *_: 1 / 0)
-            for _ in range(12):
-                episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
-                assert (await http.delete(f"/v1/episodes/{episode}")).status_code == 204
-            assert expect(await http.get(f"/v1/evaluations/{evaluation}"), 200)["state"] == "running"
-            monkeypatch.setattr(metrics, "compute", compute)
-            problem(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 409, "evaluation-finished")
-            assert expect(await http.get(f"/v1/evaluations/{evaluation}"), 200)["state"] == "finished"
-
-    play(story)
+    async with application(tmp_path, FakePool()) as http:
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        monkeypatch.setattr(metrics, "compute", lambda *_: 1 / 0)
+        for _ in range(12):
+            episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
+            assert (await http.delete(f"/v1/episodes/{episode}")).status_code == 204
+        assert expect(await http.get(f"/v1/evaluations/{evaluation}"), 200)["state"] == "running"
+        monkeypatch.setattr(metrics, "compute", compute)
+        problem(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 409, "evaluation-finished")
+        assert expect(await http.get(f"/v1/evaluations/{evaluation}"), 200)["state"] == "finished"

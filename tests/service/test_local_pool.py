@@ -1,11 +1,13 @@
 """Processes that start late, never, or end in between: with programs of a few lines in the simulators' place."""
 
 import asyncio
+import contextlib
 import os
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
+import psutil
 import pytest
 
 from wrongturn_protocol import Track
@@ -42,37 +44,30 @@ for operation, *rest in Unpacker(connection.makefile("rb", 0)):
 """
 
 
-def run(
-    story: Callable[[LocalPool], Awaitable[None]],
-    program: str = PROGRAM,
-    slots: int = 1,
-    start: float = 120,
-    call: float = 120,
-) -> None:
-    async def play() -> None:
-        pool = LocalPool(slots, start_timeout_s=start, timeout_s=call, command=(sys.executable, "-c", program))
-        try:
-            await story(pool)
-        finally:
-            await pool.stop()
-
-    asyncio.run(play())
+@contextlib.asynccontextmanager
+async def pool_of(
+    program: str = PROGRAM, slots: int = 1, start: float = 120, call: float = 120, spare: int = 0
+) -> AsyncIterator[LocalPool]:
+    command = (sys.executable, "-c", program)
+    pool = LocalPool(slots, start_timeout_s=start, timeout_s=call, spare=spare, command=command)
+    try:
+        yield pool
+    finally:
+        await pool.stop()
 
 
-def test_a_process_inherits_no_secrets_and_no_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+async def test_a_process_inherits_no_secrets_and_no_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     secrets = ("WRONGTURN_OPERATOR_TOKEN", "WRONGTURN_METRICS_TOKEN", "WRONGTURN_DATABASE", "PGPASSWORD", "MY_TOKEN")
     for name in secrets:
         monkeypatch.setenv(name, "a-secret")
     monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path))
 
-    stderr = str(Path("/proc/self/fd/2").readlink())
-
-    async def story(pool: LocalPool) -> None:
+    async with pool_of() as pool:
         held = os.open(tmp_path, os.O_RDONLY)
         os.set_inheritable(held, True)
         simulator = await pool.acquire("Town01", "a")
         os.close(held)
-        process = Path(f"/proc/{simulator.process.pid}")
+        process, own = Path(f"/proc/{simulator.process.pid}"), Path("/proc/self/fd")
         variables = dict(pair.split("=", 1) for pair in (process / "environ").read_text().split("\0") if pair)
         assert variables["WRONGTURN_HOME"] == str(tmp_path)
         assert "a-secret" not in variables.values()
@@ -80,46 +75,38 @@ def test_a_process_inherits_no_secrets_and_no_files(monkeypatch: pytest.MonkeyPa
         opened = {file.name: str(file.readlink()) for file in (process / "fd").iterdir()}
         assert opened.pop("0") == "/dev/null"
         # What it says goes where the service's log goes.
-        assert opened.pop("1") == opened.pop("2") == stderr
+        assert opened.pop("1") == opened.pop("2") == str((own / "2").readlink())
         assert [target.partition(":")[0] for target in opened.values()] == ["socket"]
 
-    run(story)
 
-
-def test_one_that_ends_at_once_or_is_never_ready() -> None:
-    async def story(pool: LocalPool) -> None:
+@pytest.mark.parametrize(("program", "start"), [("import sys; sys.exit(7)", 120), ("import time; time.sleep(60)", 0.3)])
+async def test_one_that_ends_at_once_or_is_never_ready(program: str, start: float) -> None:
+    async with pool_of(program, start=start) as pool:
         with pytest.raises(SimulatorStartError, match="did not get ready"):
             await pool.start()
         assert pool.running == 0
 
-    run(story, "import sys; sys.exit(7)")
-    run(story, "import time; time.sleep(60)", start=0.3)
+
+async def test_a_program_that_is_not_there() -> None:
+    pool = LocalPool(1, start_timeout_s=1, timeout_s=1, command=("/no/such/program",))
+    with pytest.raises(SimulatorStartError, match="could be started"):
+        await pool.acquire("Town01", "a")
+    assert pool.running == 0
 
 
-def test_a_program_that_is_not_there() -> None:
-    async def play() -> None:
-        pool = LocalPool(1, start_timeout_s=1, timeout_s=1, command=("/no/such/program",))
-        with pytest.raises(SimulatorStartError, match="could be started"):
-            await pool.acquire("Town01", "a")
-        assert pool.running == 0
+async def test_who_waits_is_heard_when_the_other_ones_does_not_start() -> None:
+    async with pool_of("import sys; sys.exit(7)", slots=3) as pool:
 
-    asyncio.run(play())
-
-
-def test_who_waits_is_heard_when_the_other_ones_does_not_start() -> None:
-    async def story(pool: LocalPool) -> None:
         async def acquire() -> None:
             with pytest.raises(SimulatorStartError, match="did not get ready"):
                 await pool.acquire("Town01", "a")
 
         await asyncio.wait_for(asyncio.gather(acquire(), acquire(), acquire()), 120)
 
-    run(story, "import sys; sys.exit(7)", slots=3)
-
 
 @pytest.mark.parametrize(("steer", "message"), [(0.25, "ended"), (0.5, "within 5 s"), (0.75, "ValueError: broken")])
-def test_one_that_dies_hangs_or_breaks(steer: float, message: str) -> None:
-    async def story(pool: LocalPool) -> None:
+async def test_one_that_dies_hangs_or_breaks(steer: float, message: str) -> None:
+    async with pool_of() as pool:
         first = await pool.acquire("Town01", "a")
         await first.reset("trial", Track.STATE, b"", Encoding.JSON)
         with pytest.raises(SimulatorDiedError, match=message):
@@ -133,22 +120,18 @@ def test_one_that_dies_hangs_or_breaks(steer: float, message: str) -> None:
         assert not second.dead
         await pool.release(second)
 
-    run(story)
 
-
-def test_a_long_replay_has_longer() -> None:
-    async def story(pool: LocalPool) -> None:
+async def test_a_long_replay_has_longer() -> None:
+    async with pool_of(call=2) as pool:
         simulator = await pool.acquire("Town01", "a")
         # Two seconds, and twenty more for a thousand actions.
         assert (await simulator.reset("slow", Track.STATE, bytes(1000 * 12), Encoding.JSON)).observation == b"slow"
         with pytest.raises(SimulatorDiedError, match="within 2 s"):
             await simulator.reset("slow", Track.STATE, b"", Encoding.JSON)
 
-    run(story, call=2)
 
-
-def test_one_that_refuses_goes_on() -> None:
-    async def story(pool: LocalPool) -> None:
+async def test_one_that_refuses_goes_on() -> None:
+    async with pool_of() as pool:
         simulator = await pool.acquire("Town01", "a")
         with pytest.raises(EpisodeRefusedError, match="not here"):
             await simulator.reset("bad", Track.STATE, b"", Encoding.JSON)
@@ -156,11 +139,9 @@ def test_one_that_refuses_goes_on() -> None:
         assert frame.observation == b"good"
         assert len((await simulator.step((0.0, 0.0, 0.0), Encoding.JSON)).observation) == 200_000
 
-    run(story)
 
-
-def test_a_call_that_is_given_up_does_not_leave_its_reply_to_the_next() -> None:
-    async def story(pool: LocalPool) -> None:
+async def test_a_call_that_is_given_up_does_not_leave_its_reply_to_the_next() -> None:
+    async with pool_of() as pool:
         simulator = await pool.acquire("Town01", "a")
         call = simulator.step((0.0, 0.0, 0.0), Encoding.JSON)
         await asyncio.sleep(0)
@@ -169,11 +150,9 @@ def test_a_call_that_is_given_up_does_not_leave_its_reply_to_the_next() -> None:
             await call
         assert simulator.dead
 
-    run(story)
 
-
-def test_slots_and_what_is_warm() -> None:
-    async def story(pool: LocalPool) -> None:
+async def test_slots_and_what_is_warm() -> None:
+    async with pool_of(slots=2) as pool:
         one, two = await asyncio.gather(pool.acquire("Town01", "a"), pool.acquire("Town02", "a"))
         assert (pool.running, pool.busy) == (2, 2)
         with pytest.raises(SimulatorsBusyError, match="all 2"):
@@ -187,21 +166,17 @@ def test_slots_and_what_is_warm() -> None:
         assert await pool.acquire("Town02", "a") is two
         assert pool.running == 2
 
-    run(story, slots=2)
 
-
-def test_no_process_outlives_the_pool() -> None:
+async def test_no_process_outlives_the_pool() -> None:
     pids: list[int] = []
 
-    async def story(pool: LocalPool) -> None:
+    async with pool_of(slots=2) as pool:
         pids.extend([(await pool.acquire("Town01", "a")).process.pid for _ in range(2)])
-
-    run(story, slots=2)
-    assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
+    assert not any(map(psutil.pid_exists, pids))
 
 
-def test_many_that_died_idle_are_found_by_many_at_once() -> None:
-    async def story(pool: LocalPool) -> None:
+async def test_many_that_died_idle_are_found_by_many_at_once() -> None:
+    async with pool_of(slots=3) as pool:
         idle = await asyncio.gather(*(pool.acquire("Town01", "a") for _ in range(3)))
         for simulator in idle:
             await pool.release(simulator)
@@ -213,51 +188,37 @@ def test_many_that_died_idle_are_found_by_many_at_once() -> None:
         assert not {*fresh} & {*idle}
         assert (pool.running, pool.busy) == (3, 3)
 
-    run(story, slots=3)
+
+async def test_a_spare_one_takes_the_place_of_one_that_dies() -> None:
+    async with pool_of(slots=2, spare=1) as pool:
+        await pool.start()
+        assert (pool.running, pool.busy) == (1, 0)
+        one, two = await pool.acquire("Town01", "a"), await pool.acquire("Town01", "a")
+        await _until(lambda: pool.running == 3 and pool.idle == 1)
+        with pytest.raises(SimulatorsBusyError, match="all 2"):
+            await pool.acquire("Town01", "a")
+        with pytest.raises(SimulatorDiedError):
+            await two.step((0.25, 0.0, 0.0), Encoding.JSON)
+        await pool.release(two)
+        three = await pool.acquire("Town01", "a")
+        assert not three.dead
+        # It was there before: nobody waited for a start.
+        assert (pool.idle, pool.busy) == (0, 2)
+        await _until(lambda: pool.idle == 1)
+        for simulator in (one, three):
+            await pool.release(simulator)
+        assert (pool.running, pool.busy) == (3, 0)
 
 
-def test_a_spare_one_takes_the_place_of_one_that_dies() -> None:
-    async def play() -> None:
-        pool = LocalPool(2, start_timeout_s=120, timeout_s=120, spare=1, command=(sys.executable, "-c", PROGRAM))
-        try:
-            await pool.start()
-            assert (pool.running, pool.busy) == (1, 0)
-            one, two = await pool.acquire("Town01", "a"), await pool.acquire("Town01", "a")
-            await _until(lambda: pool.running == 3 and pool.idle == 1)
-            with pytest.raises(SimulatorsBusyError, match="all 2"):
-                await pool.acquire("Town01", "a")
-            with pytest.raises(SimulatorDiedError):
-                await two.step((0.25, 0.0, 0.0), Encoding.JSON)
-            await pool.release(two)
-            three = await pool.acquire("Town01", "a")
-            assert not three.dead
-            # It was there before: nobody waited for a start.
-            assert (pool.idle, pool.busy) == (0, 2)
-            await _until(lambda: pool.idle == 1)
-            for simulator in (one, three):
-                await pool.release(simulator)
-            assert (pool.running, pool.busy) == (3, 0)
-        finally:
-            await pool.stop()
-
-    asyncio.run(play())
-
-
-def test_who_has_a_place_gets_the_spare_one_that_is_about_to_be_ready() -> None:
-    async def play() -> None:
-        pool = LocalPool(2, start_timeout_s=120, timeout_s=120, spare=1, command=(sys.executable, "-c", PROGRAM))
-        try:
-            await pool.start()
-            held = await asyncio.gather(*(pool.acquire("Town01", "a") for _ in range(2)))
-            assert not any(simulator.dead for simulator in held)
-            await _until(lambda: pool.idle == 1)
-            assert pool.running == 3
-            assert pool.memory() > 3 * 2**20
-        finally:
-            await pool.stop()
-        assert pool.memory() == 0
-
-    asyncio.run(play())
+async def test_who_has_a_place_gets_the_spare_one_that_is_about_to_be_ready() -> None:
+    async with pool_of(slots=2, spare=1) as pool:
+        await pool.start()
+        held = await asyncio.gather(*(pool.acquire("Town01", "a") for _ in range(2)))
+        assert not any(simulator.dead for simulator in held)
+        await _until(lambda: pool.idle == 1)
+        assert pool.running == 3
+        assert pool.memory() > 3 * 2**20
+    assert pool.memory() == 0
 
 
 async def _until(condition: Callable[[], bool]) -> None:
@@ -268,7 +229,7 @@ async def _until(condition: Callable[[], bool]) -> None:
     raise AssertionError("it did not come to pass")
 
 
-def test_who_waits_for_a_start_gets_one_that_is_free_before(tmp_path: Path) -> None:
+async def test_who_waits_for_a_start_gets_one_that_is_free_before(tmp_path: Path) -> None:
     begun = tmp_path / "begun"
     # The first is ready at once, all others never.
     program = f"""
@@ -281,7 +242,7 @@ except FileExistsError:
 {PROGRAM}
 """
 
-    async def story(pool: LocalPool) -> None:
+    async with pool_of(program, slots=2) as pool:
         first = await pool.acquire("Town01", "a")
         second = asyncio.create_task(pool.acquire("Town01", "a"))
         await asyncio.sleep(0.3)
@@ -289,5 +250,3 @@ except FileExistsError:
         assert pool.busy == 2
         await pool.release(first)
         assert await asyncio.wait_for(second, 120) is first
-
-    run(story, program, slots=2)

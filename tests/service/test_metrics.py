@@ -39,68 +39,59 @@ async def figures(http) -> dict[str, float]:  # type: ignore[no-untyped-def]
     }
 
 
-def test_steps_latencies_slots_and_ends(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        async with application(tmp_path, pool) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+async def test_steps_latencies_slots_and_ends(tmp_path: Path) -> None:
+    pool = FakePool()
+    async with application(tmp_path, pool) as http:
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
+        practice = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
+        for seq in range(1, 11):
+            expect(await step(http, episode, seq), 200)
+        now = await figures(http)
+        assert now["wrongturn_steps_total"] == 10
+        for name, count in (("reset", 2), ("step", 10), ("replay", 0)):
+            assert now[f"wrongturn_simulation_seconds_count,{name}"] == count
+            assert now[f"wrongturn_overhead_seconds_count,{name}"] == count
+        whole = now["wrongturn_request_seconds_sum,POST,/v1/episodes/{episode}/step,200"]
+        parts = now["wrongturn_overhead_seconds_sum,step"] + now["wrongturn_simulation_seconds_sum,step"]
+        assert whole == pytest.approx(parts)
+        assert "wrongturn_episodes_ended_total,true,exit_commanded" not in now, "hidden until the evaluation's end"
+        assert now["wrongturn_open_episodes"] == 1
+        assert (now["wrongturn_leases_held"], now["wrongturn_leases_released"]) == (1, 0)
+        slots = ("slots", "running", "busy", "idle")
+        names = ["wrongturn_simulator_slots", *(f"wrongturn_simulators_{name}" for name in slots[1:])]
+        assert [now[name] for name in names] == [4, 1, 1, 0]
+        assert now["wrongturn_simulators_awaited"] == 0
+        assert (await http.delete(f"/v1/episodes/{practice}")).status_code == 204
+        assert (await figures(http))["wrongturn_episodes_ended_total,false,aborted"] == 1
+
+
+async def test_each_route_bears_its_name(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool()) as http:
+        for method in ("GET", "HEAD"):
+            assert (await http.request(method, "/openapi.json")).status_code == 200
+        assert (await http.get("/nowhere")).status_code == 404
+        found = await figures(http)
+        routes = [name.split(",")[1:] for name in found if name.startswith("wrongturn_request_seconds_count")]
+        assert ["GET", "/openapi.json", "200"] in routes
+        assert ["HEAD", "/openapi.json", "200"] in routes
+        assert [route for route in routes if "unknown" in route] == [["GET", "unknown", "404"]]
+
+
+async def test_scored_verdicts_are_counted_once_their_evaluation_is_finished(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool()) as http:
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        for driven in range(12):
+            assert not [name for name in await figures(http) if "ended_total,true" in name], driven
             episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
-            practice = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
+            if driven == 3:
+                assert (await http.delete(f"/v1/episodes/{episode}")).status_code == 204
+                continue
             for seq in range(1, 11):
                 expect(await step(http, episode, seq), 200)
-            now = await figures(http)
-            assert now["wrongturn_steps_total"] == 10
-            for name, count in (("reset", 2), ("step", 10), ("replay", 0)):
-                assert now[f"wrongturn_simulation_seconds_count,{name}"] == count
-                assert now[f"wrongturn_overhead_seconds_count,{name}"] == count
-            whole = now["wrongturn_request_seconds_sum,POST,/v1/episodes/{episode}/step,200"]
-            parts = now["wrongturn_overhead_seconds_sum,step"] + now["wrongturn_simulation_seconds_sum,step"]
-            assert whole == pytest.approx(parts)
-            assert "wrongturn_episodes_ended_total,true,exit_commanded" not in now, "hidden until the evaluation's end"
-            assert now["wrongturn_open_episodes"] == 1
-            assert (now["wrongturn_leases_held"], now["wrongturn_leases_released"]) == (1, 0)
-            slots = ("slots", "running", "busy", "idle")
-            names = ["wrongturn_simulator_slots", *(f"wrongturn_simulators_{name}" for name in slots[1:])]
-            assert [now[name] for name in names] == [4, 1, 1, 0]
-            assert now["wrongturn_simulators_awaited"] == 0
-            assert (await http.delete(f"/v1/episodes/{practice}")).status_code == 204
-            assert (await figures(http))["wrongturn_episodes_ended_total,false,aborted"] == 1
-
-    play(story)
-
-
-def test_each_route_bears_its_name(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            for method in ("GET", "HEAD"):
-                assert (await http.request(method, "/openapi.json")).status_code == 200
-            assert (await http.get("/nowhere")).status_code == 404
-            found = await figures(http)
-            routes = [name.split(",")[1:] for name in found if name.startswith("wrongturn_request_seconds_count")]
-            assert ["GET", "/openapi.json", "200"] in routes
-            assert ["HEAD", "/openapi.json", "200"] in routes
-            assert [route for route in routes if "unknown" in route] == [["GET", "unknown", "404"]]
-
-    play(story)
-
-
-def test_scored_verdicts_are_counted_once_their_evaluation_is_finished(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
-            for driven in range(12):
-                assert not [name for name in await figures(http) if "ended_total,true" in name], driven
-                episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
-                if driven == 3:
-                    assert (await http.delete(f"/v1/episodes/{episode}")).status_code == 204
-                    continue
-                for seq in range(1, 11):
-                    expect(await step(http, episode, seq), 200)
-            now = await figures(http)
-            ended = {name.rpartition(",")[2]: value for name, value in now.items() if "ended_total,true" in name}
-            assert ended == {"aborted": 1, "exit_commanded": 11}
-
-    play(story)
+        now = await figures(http)
+        ended = {name.rpartition(",")[2]: value for name, value in now.items() if "ended_total,true" in name}
+        assert ended == {"aborted": 1, "exit_commanded": 11}
 
 
 def test_hidden_verdicts_change_nothing_that_anybody_can_read(tmp_path: Path) -> None:
@@ -139,125 +130,110 @@ def plain(text: str) -> str:
     return re.sub(r"(ag|ow|ev|ep)_\w+|[0-9a-f]{32,}|\d{4}-\d\d-\d\d[\w:.+ ]*|\b\d{10}\.\d+|\b\d\d:\d\d\b", "…", text)
 
 
-def test_metrics_with_a_token(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool(), metrics_token="read", operator_token="all") as http:
-            problem(await http.get("/metrics"), 401, "unauthenticated")
-            for wrong in ("Bearer guess", "Basic read", "read"):
-                problem(await http.get("/metrics", headers={"Authorization": wrong}), 401, "unauthenticated")
-            for token in ("read", "all"):
-                told = await http.get("/metrics", headers={"Authorization": f"Bearer {token}"})
-                assert "wrongturn_steps_total" in told.text
-        async with application(tmp_path, FakePool(), registration="operator", operator_token="all") as http:
-            problem(await http.get("/metrics"), 401, "unauthenticated")
-            assert (await http.get("/metrics", headers={"Authorization": "Bearer all"})).is_success
-
-    play(story)
+async def test_metrics_with_a_token(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool(), metrics_token="read", operator_token="all") as http:
+        problem(await http.get("/metrics"), 401, "unauthenticated")
+        for wrong in ("Bearer guess", "Basic read", "read"):
+            problem(await http.get("/metrics", headers={"Authorization": wrong}), 401, "unauthenticated")
+        for token in ("read", "all"):
+            told = await http.get("/metrics", headers={"Authorization": f"Bearer {token}"})
+            assert "wrongturn_steps_total" in told.text
+    async with application(tmp_path, FakePool(), registration="operator", operator_token="all") as http:
+        problem(await http.get("/metrics"), 401, "unauthenticated")
+        assert (await http.get("/metrics", headers={"Authorization": "Bearer all"})).is_success
 
 
-def test_without_a_token_metrics_are_for_the_own_machine(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            for name in ("X-Forwarded-For", "Forwarded", "Via", "X-Real-IP"):
-                problem(await http.get("/metrics", headers={name: "127.0.0.1"}), 401, "unauthenticated")
-            own = ("127.0.0.1", "::1", "::ffff:127.0.0.1")
-            for address in (*own, "192.0.2.7", "10.0.0.1", "::2", "::ffff:192.0.2.7", "testclient"):
-                transport = httpx.ASGITransport(http.app, client=(address, 4000))
-                async with httpx.AsyncClient(transport=transport, base_url="http://test") as stranger:
-                    assert (await stranger.get("/metrics")).status_code == (200 if address in own else 401), address
-
-    play(story)
+async def test_without_a_token_metrics_are_for_the_own_machine(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool()) as http:
+        for name in ("X-Forwarded-For", "Forwarded", "Via", "X-Real-IP"):
+            problem(await http.get("/metrics", headers={name: "127.0.0.1"}), 401, "unauthenticated")
+        own = ("127.0.0.1", "::1", "::ffff:127.0.0.1")
+        for address in (*own, "192.0.2.7", "10.0.0.1", "::2", "::ffff:192.0.2.7", "testclient"):
+            transport = httpx.ASGITransport(http.app, client=(address, 4000))
+            async with httpx.AsyncClient(transport=transport, base_url="http://test") as stranger:
+                assert (await stranger.get("/metrics")).status_code == (200 if address in own else 401), address
 
 
-def test_metrics_on_a_port_of_their_own(tmp_path: Path) -> None:
-    async def story() -> None:
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            port = free.getsockname()[1]
-        settings = {"metrics_port": port, "metrics_token": "read"}
-        async with application(tmp_path, FakePool(), **settings) as http, httpx.AsyncClient() as reader:
-            problem(await http.get("/metrics"), 404, "unknown-route")
-            assert (await reader.get(f"http://127.0.0.1:{port}/metrics")).status_code == 401
-            headers = {"Authorization": "Bearer read"}
-            told = await reader.get(f"http://127.0.0.1:{port}/metrics", headers=headers)
-            assert "wrongturn_open_episodes 0.0" in told.text
-            assert (await reader.get(f"http://127.0.0.1:{port}/v1/suites", headers=headers)).status_code == 404
-            other = tmp_path / "other"
-            other.mkdir()
-            with pytest.raises(StartupError, match="WRONGTURN_METRICS_PORT"):
-                async with application(other, FakePool(), **settings):
-                    pass
-        with pytest.raises(ConnectionRefusedError):
-            await asyncio.open_connection("127.0.0.1", port)
-
-    play(story)
+async def test_metrics_on_a_port_of_their_own(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    settings = {"metrics_port": port, "metrics_token": "read"}
+    async with application(tmp_path, FakePool(), **settings) as http, httpx.AsyncClient() as reader:
+        problem(await http.get("/metrics"), 404, "unknown-route")
+        assert (await reader.get(f"http://127.0.0.1:{port}/metrics")).status_code == 401
+        headers = {"Authorization": "Bearer read"}
+        told = await reader.get(f"http://127.0.0.1:{port}/metrics", headers=headers)
+        assert "wrongturn_open_episodes 0.0" in told.text
+        assert (await reader.get(f"http://127.0.0.1:{port}/v1/suites", headers=headers)).status_code == 404
+        other = tmp_path / "other"
+        other.mkdir()
+        with pytest.raises(StartupError, match="WRONGTURN_METRICS_PORT"):
+            async with application(other, FakePool(), **settings):
+                pass
+    with pytest.raises(ConnectionRefusedError):
+        await asyncio.open_connection("127.0.0.1", port)
 
 
-def test_what_the_infrastructure_cut_off(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        async with application(tmp_path, pool) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
-            episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
-            pool.deaths_at_step.append(None)
-            expect(await step(http, episode, 1), 200)
-            now = await figures(http)
-            assert (now["wrongturn_replays_total"], now["wrongturn_simulation_seconds_count,replay"]) == (1, 1)
-            pool.deaths_at_step += [None] * 9
-            pool.deaths_at_reset += [None] * 9
-            problem(await step(http, episode, 2), 410, "episode-lost")
-            assert (await figures(http))["wrongturn_episodes_voided_total,simulators-failed"] == 1
-            pool.deaths_at_step.clear()
-            pool.deaths_at_reset.clear()
-            assert (await http.delete(f"/v1/evaluations/{evaluation}")).is_success
-            deleted = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
-            expect(await http.post(f"/v1/evaluations/{deleted}/episodes"), 201)
-            assert (await http.delete(f"/v1/evaluations/{deleted}")).is_success
-            assert (await figures(http))["wrongturn_episodes_voided_total,cancelled"] == 1
-            expect(await http.post("/v1/episodes", json=PRACTICE), 201)
-        folder = tmp_path / "silent"
-        folder.mkdir()
-        async with application(folder, FakePool(), lease_release_s=10, lease_abort_s=600) as http:
-            expect(await http.post("/v1/episodes", json=PRACTICE), 201)
-            service = http.app.state.service
-            http.clock.now += 10
-            await until(lambda: service.episodes.held == 0)
-            http.clock.now += 590
-            await until(lambda: service.episodes.open == 0)
-            assert (await figures(http))["wrongturn_leases_expired_total"] == 1
-        async with application(tmp_path, FakePool(), registration="operator") as http:
-            assert (await figures(http))["wrongturn_episodes_voided_total,service-ended"] == 1
-
-    play(story)
+async def test_what_the_infrastructure_cut_off(tmp_path: Path) -> None:
+    pool = FakePool()
+    async with application(tmp_path, pool) as http:
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
+        pool.deaths_at_step.append(None)
+        expect(await step(http, episode, 1), 200)
+        now = await figures(http)
+        assert (now["wrongturn_replays_total"], now["wrongturn_simulation_seconds_count,replay"]) == (1, 1)
+        pool.deaths_at_step += [None] * 9
+        pool.deaths_at_reset += [None] * 9
+        problem(await step(http, episode, 2), 410, "episode-lost")
+        assert (await figures(http))["wrongturn_episodes_voided_total,simulators-failed"] == 1
+        pool.deaths_at_step.clear()
+        pool.deaths_at_reset.clear()
+        assert (await http.delete(f"/v1/evaluations/{evaluation}")).is_success
+        deleted = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        expect(await http.post(f"/v1/evaluations/{deleted}/episodes"), 201)
+        assert (await http.delete(f"/v1/evaluations/{deleted}")).is_success
+        assert (await figures(http))["wrongturn_episodes_voided_total,cancelled"] == 1
+        expect(await http.post("/v1/episodes", json=PRACTICE), 201)
+    folder = tmp_path / "silent"
+    folder.mkdir()
+    async with application(folder, FakePool(), lease_release_s=10, lease_abort_s=600) as http:
+        expect(await http.post("/v1/episodes", json=PRACTICE), 201)
+        service = http.app.state.service
+        http.clock.now += 10
+        await until(lambda: service.episodes.held == 0)
+        http.clock.now += 590
+        await until(lambda: service.episodes.open == 0)
+        assert (await figures(http))["wrongturn_leases_expired_total"] == 1
+    async with application(tmp_path, FakePool(), registration="operator") as http:
+        assert (await figures(http))["wrongturn_episodes_voided_total,service-ended"] == 1
 
 
-def test_ready_tells_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_ready_tells_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class SimulatorPool(FakePool):
         failure: str | None = None  # type: ignore[assignment]
 
-    async def story() -> None:
-        pool = SimulatorPool()
-        async with application(tmp_path, pool) as http:
-            expect(await http.get("/health/ready"), 200)
-            pool.failure = "no libsumo"
-            problem(await http.get("/health/ready"), 503, "simulator-failed")
-            expect(await http.get("/health/live"), 200)
-            pool.failure = None
-            database = http.app.state.service.store._database
-            for error in (DatabaseTakenError("x"), OperationalError("SELECT 1", {}, OSError())):
+    pool = SimulatorPool()
+    async with application(tmp_path, pool) as http:
+        expect(await http.get("/health/ready"), 200)
+        pool.failure = "no libsumo"
+        problem(await http.get("/health/ready"), 503, "simulator-failed")
+        expect(await http.get("/health/live"), 200)
+        pool.failure = None
+        database = http.app.state.service.store._database
+        for error in (DatabaseTakenError("x"), OperationalError("SELECT 1", {}, OSError())):
 
-                def fail(error: Exception = error) -> None:
-                    raise error
+            def fail(error: Exception = error) -> None:
+                raise error
 
-                monkeypatch.setattr(database, "check", fail)
-                problem(await http.get("/health/ready"), 503, "storage-failed")
-            monkeypatch.undo()
-            # Until the service's next try to write.
-            while (await http.get("/health/ready")).status_code != 200:  # noqa: ASYNC110 - another's state is no event
-                await asyncio.sleep(0.05)
-            http.app.state.service.episodes.stopping = True
-            problem(await http.get("/health/ready"), 503, "shutting-down")
-
-    play(story)
+            monkeypatch.setattr(database, "check", fail)
+            problem(await http.get("/health/ready"), 503, "storage-failed")
+        monkeypatch.undo()
+        # Until the service's next try to write.
+        while (await http.get("/health/ready")).status_code != 200:  # noqa: ASYNC110 - another's state is no event
+            await asyncio.sleep(0.05)
+        http.app.state.service.episodes.stopping = True
+        problem(await http.get("/health/ready"), 503, "shutting-down")
 
 
 def test_the_log_carries_the_ids(tmp_path: Path) -> None:
@@ -292,16 +268,13 @@ def drop() -> None:
     raise structlog.DropEvent
 
 
-def test_each_figure_is_documented_and_nothing_else(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            text = (await http.get("/metrics")).text
-            families = {family.name for family in text_string_to_metric_families(text)}
-            there = {name for name in families if not name.endswith("_created")}
-            documented = re.findall(r"^\| `((?:wrongturn|process)_\w+)` \|", DOCUMENT.read_text(), re.MULTILINE)
-            assert sorted(name.removesuffix("_total") for name in documented) == sorted(there)
-            build = next(line for line in text.splitlines() if line.startswith("wrongturn_build_info{"))
-            assert f'version="{version("wrongturn-service")}"' in build
-            assert build.endswith(" 1.0")
-
-    play(story)
+async def test_each_figure_is_documented_and_nothing_else(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool()) as http:
+        text = (await http.get("/metrics")).text
+        families = {family.name for family in text_string_to_metric_families(text)}
+        there = {name for name in families if not name.endswith("_created")}
+        documented = re.findall(r"^\| `((?:wrongturn|process)_\w+)` \|", DOCUMENT.read_text(), re.MULTILINE)
+        assert sorted(name.removesuffix("_total") for name in documented) == sorted(there)
+        build = next(line for line in text.splitlines() if line.startswith("wrongturn_build_info{"))
+        assert f'version="{version("wrongturn-service")}"' in build
+        assert build.endswith(" 1.0")

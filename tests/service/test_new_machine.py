@@ -12,7 +12,7 @@ from typing import Any
 
 import httpx
 import pytest
-from app_harness import application, play, register, step
+from app_harness import application, register, step
 from fake_pool import FakePool
 from postgres_server import PostgresServer, programs
 from service_harness import expect, problem
@@ -58,14 +58,14 @@ async def drive(http: httpx.AsyncClient, evaluation: str, episodes: int) -> None
 
 
 @pytest.mark.parametrize("engine", [pytest.param("sqlite", marks=pytest.mark.soak), "postgresql"])
-def test_a_new_machine_goes_on_with_a_backup(engine: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+async def test_a_new_machine_goes_on_with_a_backup(engine: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
     homes = [tmp_path / name for name in ("old", "new")]
     for home in homes:
         home.mkdir()
     databases = [f"sqlite+aiosqlite:///{home / 'wrongturn.db'}" for home in homes]
     if engine == "postgresql":
         server: PostgresServer = request.getfixturevalue("postgres")
-        databases = [server.new_database() for _ in homes]
+        databases = [await asyncio.to_thread(server.new_database) for _ in homes]
     backups = tmp_path / "backups"
 
     async def old(http: httpx.AsyncClient) -> Left:
@@ -92,15 +92,12 @@ def test_a_new_machine_goes_on_with_a_backup(engine: str, request: pytest.Fixtur
         await drive(http, left.running, 9)
         assert expect(await http.get(f"/v1/evaluations/{left.running}"), 200)["state"] == "finished"
 
-    async def story() -> None:
-        async with application(homes[0], FakePool(), database=databases[0]) as http:
-            left = await old(http)
-        (file,) = backups.iterdir()
-        run("wrongturn", "restore", "--yes", file, env=machine(homes[1], databases[1]))
-        async with application(homes[1], FakePool(), database=databases[1], registration="operator") as http:
-            await new(http, left)
-
-    play(story)
+    async with application(homes[0], FakePool(), database=databases[0]) as http:
+        left = await old(http)
+    (file,) = backups.iterdir()
+    run("wrongturn", "restore", "--yes", file, env=machine(homes[1], databases[1]))
+    async with application(homes[1], FakePool(), database=databases[1], registration="operator") as http:
+        await new(http, left)
 
 
 def test_the_newest_backups_stay_and_are_their_owners_alone(tmp_path: Path) -> None:

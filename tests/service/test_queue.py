@@ -3,7 +3,7 @@
 import pytest
 
 from wrongturn_protocol import ProblemType
-from wrongturn_service.episodes.queue import LONGEST_S, SLACK_S, Limits, SimulatorQueue
+from wrongturn_service.episodes.queue import LONGEST_S, SLACK_S, SimulatorQueue
 from wrongturn_service.errors import UnavailableError
 
 
@@ -15,7 +15,7 @@ class Clock:
 
 
 def _line(slots: int, clock: Clock | None = None, each: int = 64, most: int = 1024) -> SimulatorQueue:
-    return SimulatorQueue(slots, Limits(each, most), clock or Clock())
+    return SimulatorQueue(slots, each, most, clock or Clock())
 
 
 def _refused(line: SimulatorQueue, agent: str, call: str) -> UnavailableError:

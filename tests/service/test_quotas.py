@@ -7,7 +7,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from app_harness import application, play, register, step
+from app_harness import application, register, step
 from fake_pool import FakePool
 from service_harness import expect, problem
 from sqlalchemy import func, select, update
@@ -55,102 +55,92 @@ async def practise(http: httpx.AsyncClient, **headers: str) -> str:
     return episode
 
 
-def test_agents_of_an_owner_and_accounts_of_an_address(tmp_path: Path) -> None:
-    async def story() -> None:
-        limits = {"agents_per_owner": 2, "accounts_per_address": 6, "operator_token": "secret"}
-        async with application(tmp_path, FakePool(), **limits) as http, at(http, "192.0.2.1") as outside:
-            owner = expect(await outside.post("/v1/owners", json={"name": "me"}), 201)
-            mine = {"Authorization": f"Bearer {owner['token']}"}
-            for number in range(2):
-                body = {"name": f"mine {number}", "track": "camera"}
-                expect(await outside.post("/v1/agents", json=body, headers=mine), 201)
-            body = {"name": "mine 3", "track": "camera"}
-            told = problem(await outside.post("/v1/agents", json=body, headers=mine), 507, "quota-reached")
-            assert "2 agents" in told["detail"]
-            assert "WRONGTURN_AGENTS_PER_OWNER" in told["detail"]
-            expect(await outside.post("/v1/agents", json={"name": "a", "track": "camera"}), 201)
-            # An owner, its two agents, and an agent with an owner of its own make five.
-            problem(await outside.post("/v1/agents", json={"name": "b", "track": "camera"}), 507, "quota-reached")
-            expect(await outside.post("/v1/owners", json={"name": "sixth"}), 201)
-            told = problem(await outside.post("/v1/owners", json={"name": "seventh"}), 507, "quota-reached")
-            assert "WRONGTURN_ACCOUNTS_PER_ADDRESS" in told["detail"]
-            async with at(http, "192.0.2.2") as elsewhere:
-                expect(await elsewhere.post("/v1/agents", json={"name": "b", "track": "camera"}), 201)
-            operator = {"Authorization": "Bearer secret"}
-            expect(await outside.post("/v1/owners", json={"name": "invited"}, headers=operator), 201)
-            for number in range(3):
-                body = {"name": f"baseline {number}", "track": "camera", "kind": "baseline"}
-                expect(await outside.post("/v1/agents", json=body, headers=operator), 201)
-
-    play(story)
+async def test_agents_of_an_owner_and_accounts_of_an_address(tmp_path: Path) -> None:
+    limits = {"agents_per_owner": 2, "accounts_per_address": 6, "operator_token": "secret"}
+    async with application(tmp_path, FakePool(), **limits) as http, at(http, "192.0.2.1") as outside:
+        owner = expect(await outside.post("/v1/owners", json={"name": "me"}), 201)
+        mine = {"Authorization": f"Bearer {owner['token']}"}
+        for number in range(2):
+            body = {"name": f"mine {number}", "track": "camera"}
+            expect(await outside.post("/v1/agents", json=body, headers=mine), 201)
+        body = {"name": "mine 3", "track": "camera"}
+        told = problem(await outside.post("/v1/agents", json=body, headers=mine), 507, "quota-reached")
+        assert "2 agents" in told["detail"]
+        assert "WRONGTURN_AGENTS_PER_OWNER" in told["detail"]
+        expect(await outside.post("/v1/agents", json={"name": "a", "track": "camera"}), 201)
+        # An owner, its two agents, and an agent with an owner of its own make five.
+        problem(await outside.post("/v1/agents", json={"name": "b", "track": "camera"}), 507, "quota-reached")
+        expect(await outside.post("/v1/owners", json={"name": "sixth"}), 201)
+        told = problem(await outside.post("/v1/owners", json={"name": "seventh"}), 507, "quota-reached")
+        assert "WRONGTURN_ACCOUNTS_PER_ADDRESS" in told["detail"]
+        async with at(http, "192.0.2.2") as elsewhere:
+            expect(await elsewhere.post("/v1/agents", json={"name": "b", "track": "camera"}), 201)
+        operator = {"Authorization": "Bearer secret"}
+        expect(await outside.post("/v1/owners", json={"name": "invited"}, headers=operator), 201)
+        for number in range(3):
+            body = {"name": f"baseline {number}", "track": "camera", "kind": "baseline"}
+            expect(await outside.post("/v1/agents", json=body, headers=operator), 201)
 
 
-def test_open_episodes_of_an_owner_and_of_an_address(tmp_path: Path) -> None:
-    async def story() -> None:
-        limits = {"max_practice_per_owner": 2, "max_open_per_owner": 3, "max_practice_per_address": 4}
-        async with application(tmp_path, FakePool(slots=9), **limits) as http:
-            owner = expect(await register(http, "/v1/owners", name="me"), 201)
-            tokens = []
-            for number in range(2):
-                body = {"name": f"mine {number}", "track": "privileged"}
-                headers = {"Authorization": f"Bearer {owner['token']}"}
-                tokens.append(expect(await http.post("/v1/agents", json=body, headers=headers), 201)["token"])
-            one, two = ({"Authorization": f"Bearer {token}"} for token in tokens)
-            held = expect(await http.post("/v1/episodes", json=PRACTICE, headers=one), 201)["id"]
-            expect(await http.post("/v1/episodes", json=PRACTICE, headers=two), 201)
-            told = problem(await http.post("/v1/episodes", json=PRACTICE, headers=two), 429, "rate-limited")
-            assert "this owner has 2 practice episodes" in told["detail"]
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=one), 201)["id"]
-            expect(await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=one), 201)
-            full = await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=one)
-            assert "this owner has 3 episodes" in problem(full, 429, "rate-limited")["detail"]
-            # Another owner at the same address has what is left of the address's limit.
-            for _ in range(2):
-                expect(await http.post("/v1/episodes", json=PRACTICE), 201)
-            full = await http.post("/v1/episodes", json=PRACTICE)
-            assert "this owner has 2" in problem(full, 429, "rate-limited")["detail"]
-            third = expect(await register(http, name="third", track="privileged"), 201)["token"]
-            full = await http.post("/v1/episodes", json=PRACTICE, headers={"Authorization": f"Bearer {third}"})
-            assert "this address has 4 practice episodes" in problem(full, 429, "rate-limited")["detail"]
-            async with at(http, "192.0.2.2", Authorization=f"Bearer {third}") as elsewhere:
-                expect(await elsewhere.post("/v1/episodes", json=PRACTICE), 201)
-            assert (await http.delete(f"/v1/episodes/{held}", headers=one)).status_code == 204
-            expect(await http.post("/v1/episodes", json=PRACTICE, headers=two), 201)
-
-    play(story)
+async def test_open_episodes_of_an_owner_and_of_an_address(tmp_path: Path) -> None:
+    limits = {"max_practice_per_owner": 2, "max_open_per_owner": 3, "max_practice_per_address": 4}
+    async with application(tmp_path, FakePool(slots=9), **limits) as http:
+        owner = expect(await register(http, "/v1/owners", name="me"), 201)
+        tokens = []
+        for number in range(2):
+            body = {"name": f"mine {number}", "track": "privileged"}
+            headers = {"Authorization": f"Bearer {owner['token']}"}
+            tokens.append(expect(await http.post("/v1/agents", json=body, headers=headers), 201)["token"])
+        one, two = ({"Authorization": f"Bearer {token}"} for token in tokens)
+        held = expect(await http.post("/v1/episodes", json=PRACTICE, headers=one), 201)["id"]
+        expect(await http.post("/v1/episodes", json=PRACTICE, headers=two), 201)
+        told = problem(await http.post("/v1/episodes", json=PRACTICE, headers=two), 429, "rate-limited")
+        assert "this owner has 2 practice episodes" in told["detail"]
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=one), 201)["id"]
+        expect(await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=one), 201)
+        full = await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=one)
+        assert "this owner has 3 episodes" in problem(full, 429, "rate-limited")["detail"]
+        # Another owner at the same address has what is left of the address's limit.
+        for _ in range(2):
+            expect(await http.post("/v1/episodes", json=PRACTICE), 201)
+        full = await http.post("/v1/episodes", json=PRACTICE)
+        assert "this owner has 2" in problem(full, 429, "rate-limited")["detail"]
+        third = expect(await register(http, name="third", track="privileged"), 201)["token"]
+        full = await http.post("/v1/episodes", json=PRACTICE, headers={"Authorization": f"Bearer {third}"})
+        assert "this address has 4 practice episodes" in problem(full, 429, "rate-limited")["detail"]
+        async with at(http, "192.0.2.2", Authorization=f"Bearer {third}") as elsewhere:
+            expect(await elsewhere.post("/v1/episodes", json=PRACTICE), 201)
+        assert (await http.delete(f"/v1/episodes/{held}", headers=one)).status_code == 204
+        expect(await http.post("/v1/episodes", json=PRACTICE, headers=two), 201)
 
 
-def test_stored_bytes_are_those_of_the_rows(tmp_path: Path) -> None:
+async def test_stored_bytes_are_those_of_the_rows(tmp_path: Path) -> None:
     """They grow and fall with what is stored, and a restart changes nothing."""
-
-    async def story() -> None:
-        async with application(tmp_path, FakePool(slots=4)) as http:
-            fresh = (await stored(http))["one"]
-            assert fresh == 2048  # the owner's row and the agent's
-            headers = {"Idempotency-Key": "k"}
-            held = expect(await http.post("/v1/episodes", json=PRACTICE, headers=headers), 201)["id"]
-            assert (await stored(http))["one"] > fresh + EPISODE_RESERVE + REPLY_RESERVE
-            await drive_to_the_end(http, held)
-            practised = (await stored(http))["one"]
-            assert fresh + 2048 < practised < fresh + EPISODE_RESERVE
-            began = {"Idempotency-Key": "e"}
-            wanted = {"suite": "smoke@2"}
-            evaluation = expect(await http.post("/v1/evaluations", json=wanted, headers=began), 201)["id"]
-            url = f"/v1/evaluations/{evaluation}/episodes"
-            expect(await http.post(url, headers=headers | {"Idempotency-Key": "r"}), 201)
-            reserved = (await stored(http))["one"]
-            assert reserved > practised + 12 * EPISODE_RESERVE
-            expect(await http.delete(f"/v1/evaluations/{evaluation}"), 200)
-            # All that is left is the reply to the key that began it.
-            assert (await stored(http))["one"] < practised + 4096
-            expect(await http.post("/v1/episodes", json=PRACTICE), 201)  # lost by the restart
-        async with application(tmp_path, FakePool(slots=4), registration="operator") as http:
-            before = (await stored(http))["one"]
-            assert before < practised + 8192
-            await everything_is_old(http)
-            assert (await stored(http))["one"] == fresh
-
-    play(story)
+    async with application(tmp_path, FakePool(slots=4)) as http:
+        fresh = (await stored(http))["one"]
+        assert fresh == 2048  # the owner's row and the agent's
+        headers = {"Idempotency-Key": "k"}
+        held = expect(await http.post("/v1/episodes", json=PRACTICE, headers=headers), 201)["id"]
+        assert (await stored(http))["one"] > fresh + EPISODE_RESERVE + REPLY_RESERVE
+        await drive_to_the_end(http, held)
+        practised = (await stored(http))["one"]
+        assert fresh + 2048 < practised < fresh + EPISODE_RESERVE
+        began = {"Idempotency-Key": "e"}
+        wanted = {"suite": "smoke@2"}
+        evaluation = expect(await http.post("/v1/evaluations", json=wanted, headers=began), 201)["id"]
+        url = f"/v1/evaluations/{evaluation}/episodes"
+        expect(await http.post(url, headers=headers | {"Idempotency-Key": "r"}), 201)
+        reserved = (await stored(http))["one"]
+        assert reserved > practised + 12 * EPISODE_RESERVE
+        expect(await http.delete(f"/v1/evaluations/{evaluation}"), 200)
+        # All that is left is the reply to the key that began it.
+        assert (await stored(http))["one"] < practised + 4096
+        expect(await http.post("/v1/episodes", json=PRACTICE), 201)  # lost by the restart
+    async with application(tmp_path, FakePool(slots=4), registration="operator") as http:
+        before = (await stored(http))["one"]
+        assert before < practised + 8192
+        await everything_is_old(http)
+        assert (await stored(http))["one"] == fresh
 
 
 async def everything_is_old(http: httpx.AsyncClient, unused_before: float = 0.0) -> None:
@@ -160,50 +150,43 @@ async def everything_is_old(http: httpx.AsyncClient, unused_before: float = 0.0)
     )
 
 
-def test_an_evaluation_counts_what_it_can_come_to_until_it_is_finished(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool(slots=4)) as http:
-            fresh = (await stored(http))["one"]
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
-            for number in range(12):
-                headers = {"Idempotency-Key": f"r{number}"}
-                reset = await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=headers)
-                await drive_to_the_end(http, expect(reset, 201)["id"])
-            finished = (await stored(http))["one"]
-            assert fresh + 12 * 2048 < finished < fresh + 12 * EPISODE_RESERVE
-            rows = await store_of(http).episodes(evaluation)
-            told = [
-                {"episode": row.id, "steps": row.steps, "actions_sha256": row.actions_sha256 or "0" * 64}
-                for row in rows
-            ]
-            url = f"/v1/evaluations/{evaluation}/results"
-            for _ in range(2):
-                expect(await http.put(url, json={"episodes": told}), 200)
-            recorded = (await stored(http))["one"]
-            assert finished + 1024 < recorded < finished + 8192
-            problem(await http.put(url, json={"episodes": [], "versions": {"x" * 101: "1"}}), 422, "validation")
-            problem(await http.put(url, json={"episodes": [], "versions": {"x": "1" * 201}}), 422, "validation")
-            await everything_is_old(http, unused_before=time.time() + DAY_S)
-            assert fresh + 12 * 2048 < (await stored(http))["one"] < recorded  # only the replies are gone
-
-    play(story)
+async def test_an_evaluation_counts_what_it_can_come_to_until_it_is_finished(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool(slots=4)) as http:
+        fresh = (await stored(http))["one"]
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        for number in range(12):
+            headers = {"Idempotency-Key": f"r{number}"}
+            reset = await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=headers)
+            await drive_to_the_end(http, expect(reset, 201)["id"])
+        finished = (await stored(http))["one"]
+        assert fresh + 12 * 2048 < finished < fresh + 12 * EPISODE_RESERVE
+        rows = await store_of(http).episodes(evaluation)
+        told = [
+            {"episode": row.id, "steps": row.steps, "actions_sha256": row.actions_sha256 or "0" * 64} for row in rows
+        ]
+        url = f"/v1/evaluations/{evaluation}/results"
+        for _ in range(2):
+            expect(await http.put(url, json={"episodes": told}), 200)
+        recorded = (await stored(http))["one"]
+        assert finished + 1024 < recorded < finished + 8192
+        problem(await http.put(url, json={"episodes": [], "versions": {"x" * 101: "1"}}), 422, "validation")
+        problem(await http.put(url, json={"episodes": [], "versions": {"x": "1" * 201}}), 422, "validation")
+        await everything_is_old(http, unused_before=time.time() + DAY_S)
+        assert fresh + 12 * 2048 < (await stored(http))["one"] < recorded  # only the replies are gone
 
 
-def test_practice_makes_room_for_itself(tmp_path: Path, database_url: str) -> None:
-    async def story() -> None:
-        limits = {"bytes_per_owner": MIB, "bytes_per_address": 2 * MIB, "database": database_url}
-        async with application(tmp_path, FakePool(slots=4), **limits) as http:
-            first = await practise(http)
-            for number in range(2):
-                filler = await practise(http, **{"Idempotency-Key": f"k{number}"})
-            await inflate(http, filler, MIB - 130_000)
-            await practise(http)
-            last = await practise(http)
-            assert (await stored(http))["one"] < MIB
-            problem(await http.get(f"/v1/episodes/{first}"), 404, "unknown-episode")
-            expect(await http.get(f"/v1/episodes/{last}/trajectory"), 200)
-
-    play(story)
+async def test_practice_makes_room_for_itself(tmp_path: Path, database_url: str) -> None:
+    limits = {"bytes_per_owner": MIB, "bytes_per_address": 2 * MIB, "database": database_url}
+    async with application(tmp_path, FakePool(slots=4), **limits) as http:
+        first = await practise(http)
+        for number in range(2):
+            filler = await practise(http, **{"Idempotency-Key": f"k{number}"})
+        await inflate(http, filler, MIB - 130_000)
+        await practise(http)
+        last = await practise(http)
+        assert (await stored(http))["one"] < MIB
+        problem(await http.get(f"/v1/episodes/{first}"), 404, "unknown-episode")
+        expect(await http.get(f"/v1/episodes/{last}/trajectory"), 200)
 
 
 async def inflate(http: httpx.AsyncClient, episode: str, size: int) -> None:
@@ -218,61 +201,55 @@ async def inflate(http: httpx.AsyncClient, episode: str, size: int) -> None:
 
 
 @pytest.mark.parametrize("which", ["bytes_per_owner", "bytes_per_address"])
-def test_what_does_not_fit_is_refused_and_leaves_nothing(tmp_path: Path, which: str) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool(slots=4), **{which: MIB}) as http:
-            told = problem(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 507, "quota-reached")
-            whose = "the address that registered this owner" if "address" in which else "this owner"
-            assert f": {whose} has 0.0" in told["detail"]
-            assert "of 1.05 MB, its quota; " in told["detail"]
-            assert told["detail"].endswith(f"to raise WRONGTURN_{which.upper()}")
-            assert told["detail"].startswith("an evaluation reserves 1.47 MB, which do not fit now (at its end")
-            assert "retry-after" not in told
-            held = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
-            await inflate(http, held, MIB - 200_000)
-            before = await stored(http)
-            for _ in range(2):
-                told = problem(await http.post("/v1/episodes", json=PRACTICE), 507, "quota-reached")
-                assert told["detail"].startswith("0.123 MB more do not fit: ")
-            assert await stored(http) == before
-            async with at(http, "192.0.2.9") as elsewhere:
-                body = {"name": "other", "track": "privileged"}
-                token = expect(await elsewhere.post("/v1/agents", json=body), 201)["token"]
-                headers = {"Authorization": f"Bearer {token}"}
-                expect(await elsewhere.post("/v1/episodes", json=PRACTICE, headers=headers), 201)
-            if which == "bytes_per_address":
-                rest = {"track": "camera", "description": "y" * 2000}
-                answers = [await register(http, name=f"x{number}", **rest) for number in range(50)]
-                assert answers[0].status_code == 201
-                problem(answers[-1], 507, "quota-reached")
-            await drive_to_the_end(http, held)  # what is begun is stored
-
-    play(story)
+async def test_what_does_not_fit_is_refused_and_leaves_nothing(tmp_path: Path, which: str) -> None:
+    async with application(tmp_path, FakePool(slots=4), **{which: MIB}) as http:
+        told = problem(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 507, "quota-reached")
+        whose = "the address that registered this owner" if "address" in which else "this owner"
+        assert f": {whose} has 0.0" in told["detail"]
+        assert "of 1.05 MB, its quota; " in told["detail"]
+        assert told["detail"].endswith(f"to raise WRONGTURN_{which.upper()}")
+        assert told["detail"].startswith("an evaluation reserves 1.47 MB, which do not fit now (at its end")
+        assert "retry-after" not in told
+        held = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
+        await inflate(http, held, MIB - 200_000)
+        before = await stored(http)
+        for _ in range(2):
+            told = problem(await http.post("/v1/episodes", json=PRACTICE), 507, "quota-reached")
+            assert told["detail"].startswith("0.123 MB more do not fit: ")
+        assert await stored(http) == before
+        async with at(http, "192.0.2.9") as elsewhere:
+            body = {"name": "other", "track": "privileged"}
+            token = expect(await elsewhere.post("/v1/agents", json=body), 201)["token"]
+            headers = {"Authorization": f"Bearer {token}"}
+            expect(await elsewhere.post("/v1/episodes", json=PRACTICE, headers=headers), 201)
+        if which == "bytes_per_address":
+            rest = {"track": "camera", "description": "y" * 2000}
+            answers = [await register(http, name=f"x{number}", **rest) for number in range(50)]
+            assert answers[0].status_code == 201
+            problem(answers[-1], 507, "quota-reached")
+        await drive_to_the_end(http, held)  # what is begun is stored
 
 
-def test_owners_that_never_drove_and_lost_episodes_are_deleted(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool(slots=4), operator_token="secret") as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
-            episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
-            await store_of(http).lose_episode(episode)
-            expect(await register(http, name="idle", track="privileged"), 201)
-            token = expect(await register(http, name="busy", track="privileged"), 201)["token"]
-            busy = {"Authorization": f"Bearer {token}"}
-            expect(await http.post("/v1/episodes", json=PRACTICE, headers=busy), 201)
-            operator = {"Authorization": "Bearer secret"}
-            expect(await http.post("/v1/owners", json={"name": "invited"}, headers=operator), 201)
-            await everything_is_old(http)
-            assert {"one", "idle", "busy", "invited"} < set(await stored(http))
-            assert await store_of(http).episode(episode) is not None  # its evaluation is running
-            await everything_is_old(http, unused_before=time.time() + DAY_S)
-            assert set(await stored(http)) == {"one", "busy", "invited", "Wrongturn"}
-            expect(await register(http, name="idle", track="privileged"), 201)  # the name is free
-            async with store_of(http)._database.write() as session:
-                await session.execute(update(EvaluationRow).values(state="cancelled"))
-            await everything_is_old(http)
-            assert await store_of(http).episode(episode) is None
-            async with store_of(http)._database.read() as session:
-                assert await session.scalar(select(func.count()).select_from(IdempotencyRow)) == 0
-
-    play(story)
+async def test_owners_that_never_drove_and_lost_episodes_are_deleted(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool(slots=4), operator_token="secret") as http:
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
+        await store_of(http).lose_episode(episode)
+        expect(await register(http, name="idle", track="privileged"), 201)
+        token = expect(await register(http, name="busy", track="privileged"), 201)["token"]
+        busy = {"Authorization": f"Bearer {token}"}
+        expect(await http.post("/v1/episodes", json=PRACTICE, headers=busy), 201)
+        operator = {"Authorization": "Bearer secret"}
+        expect(await http.post("/v1/owners", json={"name": "invited"}, headers=operator), 201)
+        await everything_is_old(http)
+        assert {"one", "idle", "busy", "invited"} < set(await stored(http))
+        assert await store_of(http).episode(episode) is not None  # its evaluation is running
+        await everything_is_old(http, unused_before=time.time() + DAY_S)
+        assert set(await stored(http)) == {"one", "busy", "invited", "Wrongturn"}
+        expect(await register(http, name="idle", track="privileged"), 201)  # the name is free
+        async with store_of(http)._database.write() as session:
+            await session.execute(update(EvaluationRow).values(state="cancelled"))
+        await everything_is_old(http)
+        assert await store_of(http).episode(episode) is None
+        async with store_of(http)._database.read() as session:
+            assert await session.scalar(select(func.count()).select_from(IdempotencyRow)) == 0

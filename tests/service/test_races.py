@@ -35,32 +35,29 @@ class SlowStore:
         self.row = None
 
 
-def test_one_request_of_a_key_at_a_time_though_the_one_before_failed() -> None:
-    async def play() -> None:
-        idempotency: Any = Idempotency(EmptyStore())  # type: ignore[arg-type]
-        inside, most = 0, 0
-        later: list[asyncio.Task[None]] = []
+async def test_one_request_of_a_key_at_a_time_though_the_one_before_failed() -> None:
+    idempotency: Any = Idempotency(EmptyStore())  # type: ignore[arg-type]
+    inside, most = 0, 0
+    later: list[asyncio.Task[None]] = []
 
-        async def request(*, fails: bool = False) -> None:
-            nonlocal inside, most
-            try:
-                async with idempotency.once("key", "agent", "POST /v1/evaluations", b""):
-                    inside += 1
-                    most = max(most, inside)
-                    await asyncio.sleep(0.01)
-                    inside -= 1
-                    if fails:
-                        raise ValueError
-            except ValueError:
-                # The second has been let in but does not run yet; a third must wait for it.
-                later.append(asyncio.create_task(request()))
+    async def request(*, fails: bool = False) -> None:
+        nonlocal inside, most
+        try:
+            async with idempotency.once("key", "agent", "POST /v1/evaluations", b""):
+                inside += 1
+                most = max(most, inside)
+                await asyncio.sleep(0.01)
+                inside -= 1
+                if fails:
+                    raise ValueError
+        except ValueError:
+            # The second has been let in but does not run yet; a third must wait for it.
+            later.append(asyncio.create_task(request()))
 
-        await asyncio.gather(request(fails=True), request())
-        await asyncio.gather(*later)
-        assert most == 1
-        assert not idempotency._locks
-
-    asyncio.run(play())
+    await asyncio.gather(request(fails=True), request())
+    await asyncio.gather(*later)
+    assert most == 1
+    assert not idempotency._locks
 
 
 class NoSubmissions:
@@ -70,16 +67,13 @@ class NoSubmissions:
         return None
 
 
-def test_a_token_that_is_revoked_while_it_is_looked_up_is_not_remembered() -> None:
-    async def play() -> None:
-        store = SlowStore()
-        accounts = Accounts(store, NoSubmissions(), Settings())  # type: ignore[arg-type]
-        asked = asyncio.create_task(accounts.caller("Bearer token"))
-        await asyncio.sleep(0)
-        await accounts.set_token("ag_1", None)
-        store.answer.set()
-        assert (await asked).id == "ag_1"  # it came before
-        with pytest.raises(UnauthenticatedError):
-            await accounts.caller("Bearer token")
-
-    asyncio.run(play())
+async def test_a_token_that_is_revoked_while_it_is_looked_up_is_not_remembered() -> None:
+    store = SlowStore()
+    accounts = Accounts(store, NoSubmissions(), Settings())  # type: ignore[arg-type]
+    asked = asyncio.create_task(accounts.caller("Bearer token"))
+    await asyncio.sleep(0)
+    await accounts.set_token("ag_1", None)
+    store.answer.set()
+    assert (await asked).id == "ag_1"  # it came before
+    with pytest.raises(UnauthenticatedError):
+        await accounts.caller("Bearer token")

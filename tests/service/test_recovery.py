@@ -11,8 +11,12 @@ from pathlib import Path
 
 import httpx
 import pytest
+import typer
 from drive_socket import DriveSocket
 from service_harness import COAST, GAS, Agent, RunningService, expect, figure, problem
+from typer.testing import CliRunner
+
+from wrongturn_service.cli import serve
 
 WIGGLE = [{"steer": (-1) ** n * 0.3, "throttle": 0.5, "brake": 0.0} for n in range(12)]
 
@@ -145,17 +149,26 @@ def test_no_simulation_in_the_web_process(service: RunningService, agent: Agent)
     assert any("libsumo" in Path(f"/proc/{pid}/maps").read_text() for pid in service.simulators())
 
 
-def test_a_port_in_use(own) -> None:
+@pytest.mark.parametrize(
+    ("options", "setting", "said"),
+    [
+        (["--port", "{taken}"], "1", "--port {taken}: is in use"),
+        (["--database", "foo"], "1", "'foo' is not a database URL; "),
+        ([], "0", "WRONGTURN_MAX_PARALLEL: Input should be greater than or equal to 1"),
+    ],
+)
+def test_a_start_that_cannot_be(options: list[str], setting: str, said: str) -> None:
+    """It is told before anything is started."""
+    app = typer.Typer()
+    app.command()(serve)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        port = taken.getsockname()[1]
-        service = own("--port", str(port))
-        assert not service.ready
-        assert service.stop() == 2
-    assert f"--port {port}: is in use" in service.stderr
-    assert "0 takes a free one" in service.stderr
-    assert "Traceback" not in service.stderr
+        words = [word.format(taken=taken.getsockname()[1]) for word in (*options, said)]
+        done = CliRunner().invoke(app, words[:-1], env={"WRONGTURN_MAX_PARALLEL": setting})
+    assert done.exit_code == 2
+    assert done.stderr.startswith(words[-1])
+    assert "Traceback" not in done.stderr
 
 
 def test_a_database_that_another_service_has(service: RunningService) -> None:
@@ -165,31 +178,6 @@ def test_a_database_that_another_service_has(service: RunningService) -> None:
     assert "in use by another Wrongturn service; use that one (other commands take its URL by --url" in second.stderr
     assert "Traceback" not in second.stderr
     assert httpx.get(f"{service.url}/health/ready", timeout=60).status_code == 200
-
-
-def test_a_database_that_cannot_be_written(own) -> None:
-    service = own("--database", "sqlite+aiosqlite:////proc/wrongturn.db")
-    assert not service.ready
-    assert service.stop() == 1
-    assert "Wrongturn cannot start: the database file /proc/wrongturn.db cannot be written" in service.stderr
-    assert "--database" in service.stderr
-    assert "Traceback" not in service.stderr
-
-
-def test_a_database_url_that_is_none(own) -> None:
-    service = own("--database", "foo")
-    assert not service.ready
-    assert service.stop() == 2
-    assert service.stderr.startswith("'foo' is not a database URL; ")
-    assert "by --database or WRONGTURN_DATABASE" in service.stderr
-    assert len(service.stderr.splitlines()) == 1
-
-
-def test_a_setting_that_is_none(own) -> None:
-    service = own(max_parallel=0)
-    assert not service.ready
-    assert service.stop() == 2
-    assert "WRONGTURN_MAX_PARALLEL: Input should be greater than or equal to 1" in service.stderr
 
 
 def test_a_database_that_stops_taking_writes(frail: RunningService) -> None:

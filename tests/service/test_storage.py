@@ -1,4 +1,4 @@
-"""The database: what cannot be used is named, migrations make what the models say, and nothing is half done."""
+"""The database: what cannot be used is named, and nothing is half done."""
 
 import asyncio
 import contextlib
@@ -12,9 +12,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
-from alembic.autogenerate import compare_metadata
-from alembic.migration import MigrationContext
-from sqlalchemy import Connection, update
+from sqlalchemy import update
 from sqlalchemy.exc import IntegrityError
 
 from wrongturn_service.errors import StartupError
@@ -22,7 +20,7 @@ from wrongturn_service.storage.accounts import AgentNameTakenError
 from wrongturn_service.storage.database import Database, DatabaseGoneError
 from wrongturn_service.storage.episodes import DamagedTrajectoryError
 from wrongturn_service.storage.evaluations import EvaluationOverError
-from wrongturn_service.storage.models import AgentRow, Base, EpisodeRow, EvaluationRow, OwnerRow, TrajectoryRow
+from wrongturn_service.storage.models import AgentRow, EpisodeRow, EvaluationRow, OwnerRow, TrajectoryRow
 from wrongturn_service.storage.postgres import Ownership
 from wrongturn_service.storage.store import Store
 
@@ -76,31 +74,24 @@ def test_a_database_that_cannot_be_used(tmp_path: Path, database: str, message: 
         asyncio.run(Database.open(database.format(folder=tmp_path)))
 
 
-def test_no_folder_is_made_but_the_home(tmp_path: Path) -> None:
+async def test_no_folder_is_made_but_the_home(tmp_path: Path) -> None:
     home = tmp_path / "new" / "home"
     for folder in (tmp_path / "slip", home / "deeper", home.parent):
         with pytest.raises(StartupError, match="there is no folder"):
-            asyncio.run(Database.open(url(folder / "a.db"), home=home))
-    assert not list(tmp_path.iterdir())
-
-    async def story() -> None:
-        await (await Database.open(url(home / "a.db"), home=home)).close()
-
-    asyncio.run(story())
+            await Database.open(url(folder / "a.db"), home=home)
+    assert not home.parent.exists()
+    await (await Database.open(url(home / "a.db"), home=home)).close()
     assert (home / "a.db").exists()
 
 
-def test_two_services_cannot_share_a_database(database_url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_two_services_cannot_share_a_database(database_url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Ownership.take, "__defaults__", (0.3,))
 
-    async def story() -> None:
-        first = await Database.open(database_url)
-        with pytest.raises(StartupError, match="in use by another"):
-            await Database.open(database_url)
-        await first.close()
-        await (await Database.open(database_url)).close()
-
-    asyncio.run(story())
+    first = await Database.open(database_url)
+    with pytest.raises(StartupError, match="in use by another"):
+        await Database.open(database_url)
+    await first.close()
+    await (await Database.open(database_url)).close()
 
 
 def refusals(*names: Path) -> str:
@@ -111,43 +102,25 @@ def refusals(*names: Path) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
-def test_a_file_has_one_service_under_each_of_its_names(tmp_path: Path) -> None:
+async def test_a_file_has_one_service_under_each_of_its_names(tmp_path: Path) -> None:
     file, moved, other = tmp_path / "a.db", tmp_path / "moved.db", tmp_path / "other"
     other.mkdir()
     symbolic, hard = other / "symbolic.db", other / "hard.db"
 
-    async def story() -> None:
-        first = await Database.open(url(file))
-        # No other file holds the lock, so nobody can delete it.
-        assert (await asyncio.to_thread(_modes, tmp_path)).keys() == {*FILES, "other"}
-        symbolic.symlink_to(file)
-        hard.hardlink_to(file)
-        said = await asyncio.to_thread(refusals, file, symbolic, hard)
-        assert said.count("is in use by another Wrongturn service") == 3, said
-        file.rename(moved)
-        assert "is in use by another" in await asyncio.to_thread(refusals, moved)
-        with pytest.raises(DatabaseGoneError, match="put it back or restart"):
-            first.check()
-        moved.rename(file)
+    first = await Database.open(url(file))
+    # No other file holds the lock, so nobody can delete it.
+    assert (await asyncio.to_thread(_modes, tmp_path)).keys() == {*FILES, "other"}
+    symbolic.symlink_to(file)
+    hard.hardlink_to(file)
+    said = await asyncio.to_thread(refusals, file, symbolic, hard)
+    assert said.count("is in use by another Wrongturn service") == 3, said
+    file.rename(moved)
+    assert "is in use by another" in await asyncio.to_thread(refusals, moved)
+    with pytest.raises(DatabaseGoneError, match="put it back or restart"):
         first.check()
-        await first.close()
-
-    asyncio.run(story())
-
-
-def test_migrations_make_what_the_models_say(database_url: str) -> None:
-    def differences(connection: Connection) -> list[object]:
-        return compare_metadata(MigrationContext.configure(connection), Base.metadata)
-
-    async def story() -> list[object]:
-        database = await Database.open(database_url)
-        try:
-            async with database.read() as session:
-                return await (await session.connection()).run_sync(differences)
-        finally:
-            await database.close()
-
-    assert asyncio.run(story()) == []
+    moved.rename(file)
+    first.check()
+    await first.close()
 
 
 def test_the_promises_of_a_commit(tmp_path: Path) -> None:
@@ -197,19 +170,16 @@ async def half(database: Database) -> None:
         session.add(TrajectoryRow(episode_id="none", sha256="", size=0, data=b""))
 
 
-def test_a_transaction_is_whole_or_not_at_all(database_url: str) -> None:
-    async def story() -> None:
-        database = await Database.open(database_url)
-        store = Store(database)
+async def test_a_transaction_is_whole_or_not_at_all(database_url: str) -> None:
+    database = await Database.open(database_url)
+    store = Store(database)
+    await store.add_agent(agent_row(), None)
+    with pytest.raises(AgentNameTakenError):
         await store.add_agent(agent_row(), None)
-        with pytest.raises(AgentNameTakenError):
-            await store.add_agent(agent_row(), None)
-        with pytest.raises(IntegrityError):
-            await half(database)
-        assert [row.id for row in await store.agents()] == ["ag_one"]
-        await database.close()
-
-    asyncio.run(story())
+    with pytest.raises(IntegrityError):
+        await half(database)
+    assert [row.id for row in await store.agents()] == ["ag_one"]
+    await database.close()
 
 
 def evaluation_row(agent: str = "ag_one") -> EvaluationRow:
@@ -257,71 +227,57 @@ TRAJECTORY = b'{"rows":[]}' * 1000
 SHA256 = hashlib.sha256(TRAJECTORY).hexdigest()
 
 
-def test_an_episode_has_one_end(sqlite_url: str) -> None:
-    async def story() -> None:
-        async with filled(sqlite_url) as (_, store):
-            for name in ("a", "b"):
-                await store.add_episode(episode_row(name, name), None)
-            end = {"verdict": "timeout", "steps": 3}
-            assert await store.finish_episode("a", end, TRAJECTORY, SHA256)
-            assert await store.finish_episode("a", end, TRAJECTORY, SHA256), "the same end again"
-            assert not await store.finish_episode("a", {"verdict": "collision", "steps": 4}, b"other", "00")
-            assert await store.trajectory("a") == (TRAJECTORY, SHA256)
-            assert await store.lose_open_episodes() == 1
-            assert not await store.finish_episode("b", {"verdict": "timeout"}, b"", "")
-            assert await store.finished_count("ev") == 1
-
-    asyncio.run(story())
+async def test_an_episode_has_one_end(sqlite_url: str) -> None:
+    async with filled(sqlite_url) as (_, store):
+        for name in ("a", "b"):
+            await store.add_episode(episode_row(name, name), None)
+        end = {"verdict": "timeout", "steps": 3}
+        assert await store.finish_episode("a", end, TRAJECTORY, SHA256)
+        assert await store.finish_episode("a", end, TRAJECTORY, SHA256), "the same end again"
+        assert not await store.finish_episode("a", {"verdict": "collision", "steps": 4}, b"other", "00")
+        assert await store.trajectory("a") == (TRAJECTORY, SHA256)
+        assert await store.lose_open_episodes() == 1
+        assert not await store.finish_episode("b", {"verdict": "timeout"}, b"", "")
+        assert await store.finished_count("ev") == 1
 
 
-def test_a_trial_counts_once(database_url: str) -> None:
-    async def story() -> None:
-        async with filled(database_url) as (database, store):
-            await store.add_episode(episode_row("unheard", "t"), None)
-            await store.add_episode(episode_row("heard", "t"), None)
-            ghost = await store.episode("unheard")
-            assert ghost is not None
-            assert ghost.state == "lost"
-            assert await store.finish_episode("heard", {"verdict": "timeout"}, b"", "")
-            with pytest.raises(EvaluationOverError):
-                await store.add_episode(episode_row("again", "t"), None)
-            with pytest.raises(IntegrityError):
-                async with database.write() as session:
-                    await session.execute(update(EpisodeRow).values(state="finished"))
-            assert await store.finished_count("ev") == 1
-            for name in ("p", "q"):  # practice has no such limit
-                await store.add_episode(episode_row(name, "t", None), None)
-
-    asyncio.run(story())
+async def test_a_trial_counts_once(database_url: str) -> None:
+    async with filled(database_url) as (database, store):
+        await store.add_episode(episode_row("unheard", "t"), None)
+        await store.add_episode(episode_row("heard", "t"), None)
+        ghost = await store.episode("unheard")
+        assert ghost is not None
+        assert ghost.state == "lost"
+        assert await store.finish_episode("heard", {"verdict": "timeout"}, b"", "")
+        with pytest.raises(EvaluationOverError):
+            await store.add_episode(episode_row("again", "t"), None)
+        with pytest.raises(IntegrityError):
+            async with database.write() as session:
+                await session.execute(update(EpisodeRow).values(state="finished"))
+        assert await store.finished_count("ev") == 1
+        for name in ("p", "q"):  # practice has no such limit
+            await store.add_episode(episode_row(name, "t", None), None)
 
 
-def test_a_damaged_trajectory_is_not_handed_out(sqlite_url: str) -> None:
-    async def story() -> None:
-        async with filled(sqlite_url) as (database, store):
-            for name, data in (("a", zlib.compress(b"another")), ("b", b"noise")):
-                await store.add_episode(episode_row(name, name), None)
-                assert await store.finish_episode(name, {"verdict": "timeout"}, TRAJECTORY, SHA256)
-                async with database.write() as session:
-                    await session.execute(
-                        update(TrajectoryRow).where(TrajectoryRow.episode_id == name).values(data=data)
-                    )
-                with pytest.raises(DamagedTrajectoryError, match=f"trajectory of {name}"):
-                    await store.trajectory(name)
-
-    asyncio.run(story())
+async def test_a_damaged_trajectory_is_not_handed_out(sqlite_url: str) -> None:
+    async with filled(sqlite_url) as (database, store):
+        for name, data in (("a", zlib.compress(b"another")), ("b", b"noise")):
+            await store.add_episode(episode_row(name, name), None)
+            assert await store.finish_episode(name, {"verdict": "timeout"}, TRAJECTORY, SHA256)
+            async with database.write() as session:
+                await session.execute(update(TrajectoryRow).where(TrajectoryRow.episode_id == name).values(data=data))
+            with pytest.raises(DamagedTrajectoryError, match=f"trajectory of {name}"):
+                await store.trajectory(name)
 
 
-def test_many_at_once(database_url: str) -> None:
-    async def story() -> None:
-        async with filled(database_url) as (_, store):
-            names = [f"e{number}" for number in range(20)]
-            await asyncio.gather(*(store.add_episode(episode_row(name, name), None) for name in names))
-            stored = await asyncio.gather(
-                *(store.finish_episode(name, {"verdict": "timeout"}, TRAJECTORY, SHA256) for name in names * 3),
-                *(store.put_results("ev", "{}") for _ in range(5)),
-                *(store.trials_by_state("ev") for _ in range(10)),
-            )
-            assert all(stored[:60])
-            assert await store.finished_count("ev") == 20
-
-    asyncio.run(story())
+async def test_many_at_once(database_url: str) -> None:
+    async with filled(database_url) as (_, store):
+        names = [f"e{number}" for number in range(20)]
+        await asyncio.gather(*(store.add_episode(episode_row(name, name), None) for name in names))
+        stored = await asyncio.gather(
+            *(store.finish_episode(name, {"verdict": "timeout"}, TRAJECTORY, SHA256) for name in names * 3),
+            *(store.put_results("ev", "{}") for _ in range(5)),
+            *(store.trials_by_state("ev") for _ in range(10)),
+        )
+        assert all(stored[:60])
+        assert await store.finished_count("ev") == 20

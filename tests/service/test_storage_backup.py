@@ -27,35 +27,32 @@ async def finish(store: Store, number: int) -> None:
     assert await store.finish_episode(f"e{number}", {"verdict": "timeout"}, TRAJECTORY, SHA256)
 
 
-def test_a_backup_under_load_and_back(database_url: str, tmp_path: Path) -> None:
+async def test_a_backup_under_load_and_back(database_url: str, tmp_path: Path) -> None:
     file = tmp_path / "backup"
 
-    async def story() -> None:
-        async with filled(database_url) as (_, store):
-            for number in range(10):
-                await finish(store, number)
-            later = asyncio.gather(*(finish(store, number) for number in range(10, 30)))
-            await asyncio.to_thread(back_up, database_url, file)
-            await later
-            with pytest.raises(StartupError, match=r"uses the database|in use by another"):
-                await asyncio.to_thread(put_back, database_url, file, tmp_path)
-            assert await store.finished_count("ev") == 30
-        await asyncio.to_thread(put_back, database_url, file, tmp_path)
-        database = await Database.open(database_url)
-        store = Store(database)
-        count = await store.finished_count("ev")
-        assert 10 <= count <= 30
-        assert await store.trajectory("e9") == (TRAJECTORY, SHA256)
-        # A half of an episode's end is in no backup.
-        finished = [row.id for row in await store.episodes("ev") if row.state == "finished"]
-        assert len(finished) == count
-        for name in finished:
-            assert await store.trajectory(name) is not None
-        await store.lose_open_episodes()
-        await finish(store, 99)
-        await database.close()
-
-    asyncio.run(story())
+    async with filled(database_url) as (_, store):
+        for number in range(10):
+            await finish(store, number)
+        later = asyncio.gather(*(finish(store, number) for number in range(10, 30)))
+        await asyncio.to_thread(back_up, database_url, file)
+        await later
+        with pytest.raises(StartupError, match=r"uses the database|in use by another"):
+            await asyncio.to_thread(put_back, database_url, file, tmp_path)
+        assert await store.finished_count("ev") == 30
+    await asyncio.to_thread(put_back, database_url, file, tmp_path)
+    database = await Database.open(database_url)
+    store = Store(database)
+    count = await store.finished_count("ev")
+    assert 10 <= count <= 30
+    assert await store.trajectory("e9") == (TRAJECTORY, SHA256)
+    # A half of an episode's end is in no backup.
+    finished = [row.id for row in await store.episodes("ev") if row.state == "finished"]
+    assert len(finished) == count
+    for name in finished:
+        assert await store.trajectory(name) is not None
+    await store.lose_open_episodes()
+    await finish(store, 99)
+    await database.close()
     assert file.stat().st_mode & 0o077 == 0
 
 
@@ -99,7 +96,7 @@ def test_without_client_programs_the_command_is_told(tmp_path: Path, monkeypatch
     assert "secret" not in str(told.value)
 
 
-def test_the_commands(tmp_path: Path) -> None:
+async def test_the_commands(tmp_path: Path) -> None:
     import typer
 
     app = typer.Typer()
@@ -107,11 +104,8 @@ def test_the_commands(tmp_path: Path) -> None:
     app.command()(restore)
     url = f"sqlite+aiosqlite:///{tmp_path / 'a.db'}"
 
-    async def story() -> None:
-        async with filled(url):
-            pass
-
-    asyncio.run(story())
+    async with filled(url):
+        pass
     runner = CliRunner()
     file = str(tmp_path / "b")
     assert runner.invoke(app, ["backup", file, "--database", url]).exit_code == 0
@@ -123,7 +117,7 @@ def test_the_commands(tmp_path: Path) -> None:
     assert (tmp_path / "a.db").exists()
 
 
-def test_a_backup_goes_through_streams(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_backup_goes_through_streams(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import typer
 
     app = typer.Typer()
@@ -136,11 +130,8 @@ def test_a_backup_goes_through_streams(tmp_path: Path, monkeypatch: pytest.Monke
     none = runner.invoke(app, ["backup", "-", "--database", url])
     assert (none.exit_code, none.stdout_bytes) == (1, b"")
 
-    async def story() -> None:
-        async with filled(url):
-            pass
-
-    asyncio.run(story())
+    async with filled(url):
+        pass
     made = runner.invoke(app, ["backup", "-", "--database", url])
     assert made.exit_code == 0
     assert made.stdout_bytes.startswith(b"SQLite format 3")

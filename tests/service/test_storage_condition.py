@@ -9,7 +9,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from app_harness import application, play, register
+from app_harness import application, register
 from fake_pool import FakePool
 from postgres_server import PostgresServer, name_of
 from service_harness import GAS, RunningService, expect, problem
@@ -78,44 +78,38 @@ def test_a_disk_that_takes_no_more(running: RunningService) -> None:
     assert '"event": "the database works again"' in running.stderr
 
 
-def test_a_server_that_becomes_read_only(postgres: PostgresServer, tmp_path: Path) -> None:
-    url = postgres.new_database()
+async def test_a_server_that_becomes_read_only(postgres: PostgresServer, tmp_path: Path) -> None:
+    url = await asyncio.to_thread(postgres.new_database)
 
     def set_up(words: str) -> None:
         postgres.sql(f"ALTER DATABASE {name_of(url)} {words}")
         postgres.drop_connections(name_of(url))
 
-    async def story() -> None:
-        async with application(tmp_path, FakePool(), database=url) as http:
-            await asyncio.to_thread(set_up, "SET default_transaction_read_only = on")
-            problem(await register(http, name="two", track="camera"), 503, "storage-failed")
-            told = problem(await http.get("/health/ready"), 503, "storage-failed")
-            assert told["detail"] == "the database fails: it is read-only"
-            found = await figures(http)
-            assert found["wrongturn_ready"] == 0
-            assert found["wrongturn_storage_errors_total,read-only"] >= 1
-            await asyncio.to_thread(set_up, "RESET default_transaction_read_only")
-            while (await http.get("/health/ready")).status_code != 200:  # noqa: ASYNC110 - nobody tells of it
-                await asyncio.sleep(0.05)
-            expect(await register(http, name="two", track="camera"), 201)
-            found = await figures(http)
-            assert found["wrongturn_ready"] == 1
-            assert found["wrongturn_database_seconds_count,write"] >= 3
-
-    play(story)
+    async with application(tmp_path, FakePool(), database=url) as http:
+        await asyncio.to_thread(set_up, "SET default_transaction_read_only = on")
+        problem(await register(http, name="two", track="camera"), 503, "storage-failed")
+        told = problem(await http.get("/health/ready"), 503, "storage-failed")
+        assert told["detail"] == "the database fails: it is read-only"
+        found = await figures(http)
+        assert found["wrongturn_ready"] == 0
+        assert found["wrongturn_storage_errors_total,read-only"] >= 1
+        await asyncio.to_thread(set_up, "RESET default_transaction_read_only")
+        while (await http.get("/health/ready")).status_code != 200:  # noqa: ASYNC110 - nobody tells of it
+            await asyncio.sleep(0.05)
+        expect(await register(http, name="two", track="camera"), 201)
+        found = await figures(http)
+        assert found["wrongturn_ready"] == 1
+        assert found["wrongturn_database_seconds_count,write"] >= 3
 
 
-def test_a_write_that_does_not_end(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    async def story() -> None:
-        database = await Database.open(f"sqlite+aiosqlite:///{tmp_path / 'a.db'}")
-        async with database.write():
-            assert database.condition.trouble is None
-            monkeypatch.setattr("wrongturn_service.storage.condition.STUCK_S", 0.0)
-            assert "a write has not ended" in (database.condition.trouble or "")
+async def test_a_write_that_does_not_end(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    database = await Database.open(f"sqlite+aiosqlite:///{tmp_path / 'a.db'}")
+    async with database.write():
         assert database.condition.trouble is None
-        await database.close()
-
-    asyncio.run(story())
+        monkeypatch.setattr("wrongturn_service.storage.condition.STUCK_S", 0.0)
+        assert "a write has not ended" in (database.condition.trouble or "")
+    assert database.condition.trouble is None
+    await database.close()
 
 
 def test_what_sqlite_says(tmp_path: Path) -> None:
@@ -154,22 +148,18 @@ def test_what_a_caller_sent_is_no_failure() -> None:
     assert condition.trouble is None
 
 
-def test_a_file_that_is_moved_away(tmp_path: Path) -> None:
+async def test_a_file_that_is_moved_away(tmp_path: Path) -> None:
     """Whoever is the first to notice hears what everybody hears, and nobody begins a new file beside the log."""
-
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            file = (tmp_path / "a.db").rename(tmp_path / "moved.db")
-            for _ in range(2):
-                told = problem(await http.get("/health/ready"), 503, "storage-failed")
-                assert told["detail"] == "the database fails: its file was deleted, moved or replaced"
-                problem(await register(http, name="late", track="camera"), 503, "storage-failed")
-                (tmp_path / "a.db").write_bytes(b"")  # another of the name is none either
-            (tmp_path / "a.db").unlink()
-            with pytest.raises(StartupError, match=r"a\.db was deleted or moved, but .*a\.db-wal is there: a service"):
-                await Database.open(f"sqlite+aiosqlite:///{tmp_path / 'a.db'}")
-            file.rename(tmp_path / "a.db")
-            while (await http.get("/health/ready")).status_code != 200:  # noqa: ASYNC110 - nobody tells of it
-                await asyncio.sleep(0.05)
-
-    play(story)
+    async with application(tmp_path, FakePool()) as http:
+        file = (tmp_path / "a.db").rename(tmp_path / "moved.db")
+        for _ in range(2):
+            told = problem(await http.get("/health/ready"), 503, "storage-failed")
+            assert told["detail"] == "the database fails: its file was deleted, moved or replaced"
+            problem(await register(http, name="late", track="camera"), 503, "storage-failed")
+            (tmp_path / "a.db").write_bytes(b"")  # another of the name is none either
+        (tmp_path / "a.db").unlink()
+        with pytest.raises(StartupError, match=r"a\.db was deleted or moved, but .*a\.db-wal is there: a service"):
+            await Database.open(f"sqlite+aiosqlite:///{tmp_path / 'a.db'}")
+        file.rename(tmp_path / "a.db")
+        while (await http.get("/health/ready")).status_code != 200:  # noqa: ASYNC110 - nobody tells of it
+            await asyncio.sleep(0.05)

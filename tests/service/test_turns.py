@@ -55,44 +55,35 @@ async def turns(count: int = 30) -> None:
         await asyncio.sleep(0)
 
 
-def test_connections_take_turns_however_much_each_asks_for() -> None:
-    async def story() -> None:
-        clients = Clients()
-        for name in "abc":
-            clients.connect().data_received(requests(*(f"/{name}{number}" for number in range(4))))
-        await turns()
-        assert clients.paths == [f"/{name}{number}" for number in range(4) for name in "abc"]
-        assert len({turn for _, turn in clients.begun}) == 12
-
-    asyncio.run(story())
+async def test_connections_take_turns_however_much_each_asks_for() -> None:
+    clients = Clients()
+    for name in "abc":
+        clients.connect().data_received(requests(*(f"/{name}{number}" for number in range(4))))
+    await turns()
+    assert clients.paths == [f"/{name}{number}" for number in range(4) for name in "abc"]
+    assert len({turn for _, turn in clients.begun}) == 12
 
 
-def test_nothing_is_begun_for_a_client_that_does_not_read() -> None:
-    async def story() -> None:
-        clients = Clients()
-        idle, other = clients.connect(), clients.connect()
-        idle.data_received(requests("/first"))
-        await turns()
-        idle.pause_writing()
-        idle.data_received(requests("/second", "/third"))
-        other.data_received(requests("/other"))
-        await turns()
-        assert clients.paths == ["/first", "/other"]
-        idle.resume_writing()
-        await turns()
-        assert clients.paths == ["/first", "/other", "/second", "/third"]
-
-    asyncio.run(story())
+async def test_nothing_is_begun_for_a_client_that_does_not_read() -> None:
+    clients = Clients()
+    idle, other = clients.connect(), clients.connect()
+    idle.data_received(requests("/first"))
+    await turns()
+    idle.pause_writing()
+    idle.data_received(requests("/second", "/third"))
+    other.data_received(requests("/other"))
+    await turns()
+    assert clients.paths == ["/first", "/other"]
+    idle.resume_writing()
+    await turns()
+    assert clients.paths == ["/first", "/other", "/second", "/third"]
 
 
-def test_nothing_is_begun_for_a_client_that_has_left() -> None:
-    async def story() -> None:
-        clients = Clients()
-        one, left = clients.connect(), clients.connect()
-        one.data_received(requests("/one"))
-        left.data_received(requests("/left"))
-        left.transport.is_closing.return_value = True  # type: ignore[attr-defined]
-        await turns()
-        assert clients.paths == ["/one"]
-
-    asyncio.run(story())
+async def test_nothing_is_begun_for_a_client_that_has_left() -> None:
+    clients = Clients()
+    one, left = clients.connect(), clients.connect()
+    one.data_received(requests("/one"))
+    left.data_received(requests("/left"))
+    left.transport.is_closing.return_value = True  # type: ignore[attr-defined]
+    await turns()
+    assert clients.paths == ["/one"]

@@ -8,7 +8,7 @@ import uvicorn
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
-from wrongturn_service.socket.guards import GuardedHttp, GuardedWebSocket, GuardedWriting
+from wrongturn_service.socket.guards import GuardedHttp, GuardedWriting
 from wrongturn_service.socket.protocol import DirectWebSocket
 
 
@@ -26,10 +26,7 @@ def _names(kind: type, *, stored: bool) -> set[str]:
 
 @pytest.mark.parametrize(
     ("base", "ours"),
-    [
-        (WebSocketsSansIOProtocol, (GuardedWebSocket, DirectWebSocket, GuardedWriting)),
-        (HttpToolsProtocol, (GuardedHttp, GuardedWriting)),
-    ],
+    [(WebSocketsSansIOProtocol, (DirectWebSocket, GuardedWriting)), (HttpToolsProtocol, (GuardedHttp, GuardedWriting))],
 )
 def test_uvicorn_has_the_names_that_the_service_extends(base: type, ours: tuple[type, ...]) -> None:
     what = f"uvicorn {uvicorn.__version__}: {base.__name__}"

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from app_harness import application, play, step
+from app_harness import application, step
 from fake_pool import FakePool
 from service_harness import expect, problem
 
@@ -53,50 +53,41 @@ async def under_way(call: Any) -> asyncio.Task[Any]:
     return task
 
 
-def test_a_reset_that_is_under_way_is_among_the_open_ones(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = HeldPool()
-        async with application(tmp_path, pool) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
-            path = f"/v1/evaluations/{evaluation}/episodes"
-            reset = await pool.hold(http.post(path))
-            back = await under_way(http.get(f"{path}?state=open"))
-            pool.go_on.set()
-            (found,) = expect(await back, 200)["episodes"]
-            assert found["id"] == expect(await reset, 201)["id"]
-
-    play(story)
+async def test_a_reset_that_is_under_way_is_among_the_open_ones(tmp_path: Path) -> None:
+    pool = HeldPool()
+    async with application(tmp_path, pool) as http:
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        path = f"/v1/evaluations/{evaluation}/episodes"
+        reset = await pool.hold(http.post(path))
+        back = await under_way(http.get(f"{path}?state=open"))
+        pool.go_on.set()
+        (found,) = expect(await back, 200)["episodes"]
+        assert found["id"] == expect(await reset, 201)["id"]
 
 
-def test_a_reset_that_takes_too_long_is_asked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_reset_that_takes_too_long_is_asked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(resets.InProgress.over, "__defaults__", (0.1,))
 
-    async def story() -> None:
-        pool = HeldPool()
-        async with application(tmp_path, pool) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
-            path = f"/v1/evaluations/{evaluation}/episodes"
-            reset = await pool.hold(http.post(path))
-            response = await http.get(f"{path}?state=open")
-            problem(response, 503, "simulators-busy")
-            assert response.headers["Retry-After"] == "1"
-            assert expect(await http.get(path), 200)["episodes"] == []
-            pool.go_on.set()
-            expect(await reset, 201)
-            assert len(expect(await http.get(f"{path}?state=open"), 200)["episodes"]) == 1
-
-    play(story)
+    pool = HeldPool()
+    async with application(tmp_path, pool) as http:
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        path = f"/v1/evaluations/{evaluation}/episodes"
+        reset = await pool.hold(http.post(path))
+        response = await http.get(f"{path}?state=open")
+        problem(response, 503, "simulators-busy")
+        assert response.headers["Retry-After"] == "1"
+        assert expect(await http.get(path), 200)["episodes"] == []
+        pool.go_on.set()
+        expect(await reset, 201)
+        assert len(expect(await http.get(f"{path}?state=open"), 200)["episodes"]) == 1
 
 
-def test_a_step_that_is_under_way_is_the_last_reply(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = HeldPool()
-        async with application(tmp_path, pool) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
-            episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
-            stepping = await pool.hold(step(http, episode, 1))
-            back = await under_way(http.get(f"/v1/episodes/{episode}"))
-            pool.go_on.set()
-            assert expect(await back, 200)["last_reply"] == expect(await stepping, 200)
-
-    play(story)
+async def test_a_step_that_is_under_way_is_the_last_reply(tmp_path: Path) -> None:
+    pool = HeldPool()
+    async with application(tmp_path, pool) as http:
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
+        stepping = await pool.hold(step(http, episode, 1))
+        back = await under_way(http.get(f"/v1/episodes/{episode}"))
+        pool.go_on.set()
+        assert expect(await back, 200)["last_reply"] == expect(await stepping, 200)

@@ -9,7 +9,7 @@ from weakref import WeakValueDictionary
 import structlog
 
 from wrongturn_networks import load_suite
-from wrongturn_protocol import EpisodeState, EvaluationState, Track, Trial
+from wrongturn_protocol import EpisodeState, EvaluationState, Verdict
 from wrongturn_service.episodes.driver import aborted_outcome
 from wrongturn_service.episodes.episodes import Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations
@@ -33,10 +33,9 @@ class Closings:
         longest_s: float,
         clock: Callable[[], float] = time.time,
     ) -> None:
-        """Begin to watch the evaluations, which are closed ``idle_s`` after their last reset or step.
+        """Close evaluations ``idle_s`` after their last reset or step, and ``longest_s`` after their begin.
 
-        A driven one is closed ``longest_s`` after its begin in any case, or one step a day would keep a bad one from
-        ever becoming an entry.
+        Otherwise one step a day would keep a bad one from ever becoming an entry.
         """
         self._store = store
         self._evaluations = evaluations
@@ -105,23 +104,21 @@ class Closings:
         agent = await self._store.agent(evaluation.agent_id)
         if agent is None:  # deleted meanwhile
             return []
-        draw = load_suite(evaluation.suite).draw(evaluation.secret)
-        return [self._unbegun(evaluation, trial, Track(agent.track)) for trial in draw.episodes]
-
-    def _unbegun(self, evaluation: EvaluationRow, trial: Trial, track: Track) -> EpisodeRow:
-        outcome = aborted_outcome(trial, 0.0)
         now = self._clock()
-        return EpisodeRow(
-            id=new_id("ep"),
-            evaluation_id=evaluation.id,
-            agent_id=evaluation.agent_id,
-            trial_id=trial.id,
-            trial=trial.model_dump_json(),
-            track=track.value,
-            state=EpisodeState.FINISHED.value,
-            created=now,
-            finished=now,
-            verdict=outcome.verdict.value,
-            outcome=outcome.model_dump_json(),
-            steps=0,
-        )
+        return [
+            EpisodeRow(
+                id=new_id("ep"),
+                evaluation_id=evaluation.id,
+                agent_id=evaluation.agent_id,
+                trial_id=trial.id,
+                trial=trial.model_dump_json(),
+                track=agent.track,
+                state=EpisodeState.FINISHED.value,
+                created=now,
+                finished=now,
+                verdict=Verdict.ABORTED.value,
+                outcome=aborted_outcome(trial, 0.0).model_dump_json(),
+                steps=0,
+            )
+            for trial in load_suite(evaluation.suite).draw(evaluation.secret).episodes
+        ]

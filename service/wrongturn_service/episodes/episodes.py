@@ -28,7 +28,7 @@ from wrongturn_service.errors import ConflictError, GoneError, UnavailableError
 from wrongturn_service.simulators.interface import ACTION, Action, StepResult, rounded
 from wrongturn_service.storage.models import EpisodeRow
 from wrongturn_service.storage.store import Store
-from wrongturn_service.telemetry import Telemetry
+from wrongturn_service.telemetry import Telemetry, Voided
 
 PATIENCE_S: Final = 20.0
 """Seconds to wait for resets in progress; less than a client waits for a reply."""
@@ -358,10 +358,16 @@ class Episodes:
         if episode.end is not None:
             await self._settle(episode)  # the last step was taken, but its end was not stored yet
             return
-        self._telemetry.voided("runner-ended")
-        await self._store.lose_episode(episode.id)
+        await self._void(episode, "runner-ended")
+
+    async def _void(self, episode: OpenEpisode, reason: Voided, verdict: Verdict | None = None) -> None:
+        """Give an episode up. It does not count, and its trial runs again."""
+        self._telemetry.voided(reason)
+        await self._store.lose_episode(episode.id, verdict)
         await self._close(episode)
-        self._put_back(episode)
+        schedule = self._evaluations.known(episode.evaluation)
+        if schedule is not None:
+            schedule.put_back(episode.trial)
 
     async def _abort(self, episode: OpenEpisode, *, wait: bool = True) -> None:
         if episode.closed:
@@ -373,12 +379,9 @@ class Episodes:
         await self._settle(episode)
 
     async def _invalidate(self, episode: OpenEpisode, error: ReplayFailedError) -> GoneError:
-        """End an episode after a failure of the infrastructure. It does not count, and its trial runs again."""
+        """Give an episode up after a failure of the infrastructure, and return the error."""
         self._log.error("episode invalid", episode=episode.id, trial=episode.trial.id)
-        self._telemetry.voided("simulators-failed")
-        await self._store.lose_episode(episode.id, Verdict.INVALID)
-        await self._close(episode)
-        self._put_back(episode)
+        await self._void(episode, "simulators-failed", Verdict.INVALID)
         return GoneError(f"episode {episode.id}: {error}; it is invalid and its trial runs again, so ask for the next")
 
     async def _settle(self, episode: OpenEpisode) -> None:
@@ -408,11 +411,6 @@ class Episodes:
         if schedule is not None:
             schedule.finish(episode.trial)
             await self._evaluations.finish_if_done(episode.evaluation)
-
-    def _put_back(self, episode: OpenEpisode) -> None:
-        schedule = None if episode.evaluation is None else self._evaluations.known(episode.evaluation)
-        if schedule is not None:
-            schedule.put_back(episode.trial)
 
     async def _close(self, episode: OpenEpisode) -> None:
         if episode.closed:

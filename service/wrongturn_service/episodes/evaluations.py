@@ -123,9 +123,9 @@ class RunningEvaluations:
     def _lock(self, evaluation_id: str) -> asyncio.Lock:
         return self._locks.setdefault(evaluation_id, asyncio.Lock())
 
-    def known(self, evaluation_id: str) -> Schedule | None:
-        """Return the schedule if it was made already."""
-        return self._schedules.get(evaluation_id)
+    def known(self, evaluation_id: str | None) -> Schedule | None:
+        """Return the schedule if it was made already; None for practice too."""
+        return self._schedules.get(evaluation_id or "")
 
     def drop(self, evaluation_id: str) -> None:
         """Forget the schedule of an evaluation that is closed."""
@@ -166,18 +166,15 @@ class RunningEvaluations:
         """Finish evaluations whose last verdict was stored before the service stopped."""
         for evaluation in await self._store.running_evaluations():
             try:
-                schedule = await self.schedule(evaluation)
+                await self.schedule(evaluation)
+                await self.finish_if_done(evaluation.id)
             except Exception:
                 self._log.exception("evaluation cannot go on", evaluation=evaluation.id)
-                continue
-            if schedule.finished:
-                await self.finish_if_done(evaluation.id)
 
     async def retry(self) -> None:
         """Finish evaluations whose metrics failed."""
-        for evaluation_id, schedule in list(self._schedules.items()):
-            if schedule.finished:
-                await self.finish_if_done(evaluation_id)
+        for evaluation_id in list(self._schedules):
+            await self.finish_if_done(evaluation_id)
 
     async def _finish(self, evaluation_id: str) -> None:
         evaluation = await self._store.evaluation(evaluation_id)

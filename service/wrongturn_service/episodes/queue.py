@@ -3,7 +3,6 @@
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 from wrongturn_protocol import ProblemType
@@ -16,32 +15,17 @@ SLACK_S: Final = 2.0
 """Seconds that a place is kept after its Retry-After."""
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Limits of the queue's length.
-
-    Attributes:
-        each: Calls of one agent.
-        all: Calls of all agents.
-    """
-
-    each: int
-    all: int
-
-
 class SimulatorQueue:
     """Decides which call gets the next simulator, in the order of :func:`in_turn`."""
 
-    def __init__(self, slots: int, limits: Limits, clock: Callable[[], float] = time.monotonic) -> None:
-        """Create an empty queue.
+    def __init__(self, slots: int, each: int, most: int, clock: Callable[[], float] = time.monotonic) -> None:
+        """Create an empty queue for at most ``slots`` simulators that drive at a time.
 
-        Args:
-            slots: Largest number of simulators that drive at a time.
-            limits: Limits of the queue's length.
-            clock: Returns seconds.
+        At most ``each`` calls of an agent wait, and at most ``most`` of all agents.
         """
         self._slots = slots
-        self._limits = limits
+        self._each = each
+        self._most = most
         self._clock = clock
         self._held: Counter[str] = Counter()
         self._taken = 0
@@ -102,7 +86,7 @@ class SimulatorQueue:
 
     def _queue(self, name: tuple[str, str]) -> None:
         mine = sum(agent == name[0] for agent, _ in self._places)
-        if mine >= self._limits.each:
+        if mine >= self._each:
             raise UnavailableError(
                 ProblemType.RATE_LIMITED,
                 f"{mine} calls of this agent wait for a simulator, which is the limit; send those again first",
@@ -110,7 +94,7 @@ class SimulatorQueue:
                 status=429,
                 position=1,
             )
-        if len(self._places) >= self._limits.all:
+        if len(self._places) >= self._most:
             raise UnavailableError(
                 ProblemType.SIMULATORS_BUSY,
                 f"all {self._slots} simulators are busy, and {len(self._places)} calls wait, which is the limit; "

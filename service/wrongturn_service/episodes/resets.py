@@ -46,11 +46,7 @@ class InProgress:
             reset[1].set_result(None)
 
     async def over(self, evaluation_id: str, patience_s: float = PATIENCE_S) -> None:
-        """Wait until the evaluation's resets in progress have ended.
-
-        Raises:
-            UnavailableError: They take too long.
-        """
+        """Wait until the evaluation's resets in progress have ended. Raises UnavailableError if they take too long."""
         begun = [over for evaluation, over in self._resets if evaluation == evaluation_id]
         if begun and (await asyncio.wait(begun, timeout=patience_s))[1]:
             raise UnavailableError(

@@ -1,7 +1,6 @@
 """A pool of simulator processes on this machine. Each runs one libsumo; the web process runs none."""
 
 import asyncio
-import math
 import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -27,10 +26,8 @@ COMMAND = (sys.executable, "-m", "wrongturn_service.simulators")
 
 START_WAIT_S: Final = 20.0
 """Seconds that a call waits for a simulator to start, before it is asked to come back."""
-FIRST_PAUSE_S: Final = 1.0
+PAUSE_S: Final = 30.0
 """Seconds without new spares after an idle one has died. If memory has run out, a new one dies too."""
-LONGEST_PAUSE_S: Final = 60.0
-"""Longest pause, seconds. Each is twice as long as the one before, unless so long a time without deaths is between."""
 
 
 @dataclass(slots=True, eq=False)
@@ -80,9 +77,7 @@ class LocalPool(SimulatorPool):
         # A start takes a core for seconds. More starts than cores would all be late.
         self._starts = asyncio.Semaphore(Machine().processors())
         self._waiting: list[_Waiting] = []
-        self._pause_s = 0.0
         self._paused = False
-        self._resumed = -math.inf
         self._town = ""
         self._stopping = False
         self._log = structlog.get_logger("pool")
@@ -192,17 +187,12 @@ class LocalPool(SimulatorPool):
 
     def _pause(self) -> None:
         """Start no spare processes for a while."""
-        if self._paused:
-            return
-        loop = asyncio.get_running_loop()
-        quiet = loop.time() - self._resumed > LONGEST_PAUSE_S
-        self._pause_s = FIRST_PAUSE_S if quiet else min(2 * self._pause_s, LONGEST_PAUSE_S)
-        self._paused = True
-        loop.call_later(self._pause_s, self._resume)
+        if not self._paused:
+            self._paused = True
+            asyncio.get_running_loop().call_later(PAUSE_S, self._resume)
 
     def _resume(self) -> None:
         self._paused = False
-        self._resumed = asyncio.get_running_loop().time()
         self._start_spare()
 
     def _begin_start(self, *, spare: bool) -> None:

@@ -4,8 +4,9 @@ import asyncio
 import contextlib
 import json
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from functools import partial
+from inspect import signature
 from typing import Any, Final
 
 import msgpack
@@ -24,14 +25,6 @@ from wrongturn_service.errors import InvalidRequestError, ServiceError
 from wrongturn_service.service import Service
 from wrongturn_service.simulators.interface import Action, rounded
 
-_SHAPES: Final = {
-    Call.STEP: "episode, seq, steer, throttle, brake",
-    Call.NEXT: "evaluation, key",
-    Call.PRACTISE: "request, key",
-    Call.LOOK: "episode",
-    Call.ABORT: "episode",
-}
-_NAMES: Final = {call.value: call for call in Call}
 _UNKNOWN: Final = "unknown"
 _NUMBERS: Final = {float, int}
 """Some clients' languages write 0.0 as the integer 0."""
@@ -49,13 +42,6 @@ class Calls:
         self._caller = caller
         self._address = address
         self._reading = asyncio.Semaphore(_READS)
-        self._answers: dict[str, Callable[..., Awaitable[bytes]]] = {
-            Call.STEP: self._step,
-            Call.NEXT: self._next,
-            Call.PRACTISE: self._practise,
-            Call.LOOK: self._look,
-            Call.ABORT: self._abort,
-        }
 
     def begin(self, call: Any, done: Callable[[bytes | Reply], None]) -> bool:
         """Begin a step the short way, without a task; nearly every step can go this way.
@@ -98,8 +84,14 @@ class Calls:
         name: str = _UNKNOWN
         status = 200
         try:
-            name, arguments = _parsed(call)
-            result = await self._answers[name](*arguments)
+            if not isinstance(call, list) or not call or call[0] not in list(Call):
+                raise InvalidRequestError("call", f"has to be an array that begins with one of {', '.join(Call)}")
+            name, *arguments = call
+            method = getattr(self, f"_{name}")
+            shape = list(signature(method).parameters)
+            if len(arguments) != len(shape):
+                raise InvalidRequestError("call", f"has to be [{name}, {', '.join(shape)}]")
+            result: bytes = await method(*arguments)
         except Exception as error:
             problem = as_service_error(error)
             status, result = problem.status, problem_result(problem)
@@ -198,16 +190,6 @@ def _plain_step(call: Any) -> tuple[str, int, Action] | None:
     return episode, seq, rounded(steer, throttle, brake)
 
 
-def _parsed(call: Any) -> tuple[Call, list[Any]]:
-    name = _NAMES.get(call[0]) if isinstance(call, list) and call and isinstance(call[0], str) else None
-    if name is None:
-        raise InvalidRequestError("call", f"has to be an array that begins with one of {', '.join(Call)}")
-    shape = _SHAPES[name]
-    if len(call) != shape.count(",") + 2:
-        raise InvalidRequestError("call", f"has to be [{name}, {shape}]")
-    return name, call[1:]
-
-
 def _text(path: str, value: Any) -> str:
     if not isinstance(value, str) or "\0" in value:
         raise InvalidRequestError(path, "has to be a string without the character NUL")
@@ -223,6 +205,3 @@ def _id(path: str, value: Any) -> str:
 
 def _key(value: Any) -> str | None:
     return None if value is None else _text("key", value)
-
-
-assert set(_SHAPES) == set(Call)

@@ -8,6 +8,7 @@ all requests that came together in one turn of the event loop; here they take tu
 """
 
 import asyncio
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -21,8 +22,6 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResp
 from wrongturn_protocol import ProblemType
 from wrongturn_service.errors import ServiceError, UnavailableError
 from wrongturn_service.logs import Seldom
-from wrongturn_service.socket.protocol import DirectWebSocket
-from wrongturn_service.socket.request_turns import RequestTurns
 
 PROGRESS: Final = 65536
 """Bytes that a client has to move within the time."""
@@ -41,7 +40,6 @@ _QUEUED: Final = 32
 _LINGER: Final = 1 << 20
 _LINGER_S: Final = 2.0
 """Bytes and seconds of the rest of a refused body that are dropped. A reset at once would take away the reply."""
-_POLICY_CLOSE: Final = 1008
 _PHRASES: Final = {
     408: "Request Timeout",
     414: "URI Too Long",
@@ -50,22 +48,40 @@ _PHRASES: Final = {
 }
 
 
-@dataclass(frozen=True)
-class Guard:
-    """The limits.
+class RequestTurns:
+    """Begins requests one after the other, one in each turn of the event loop.
 
-    Attributes:
-        most: connections at a time.
-        descriptors: file descriptors that the process may have with another connection.
-        patience_s: seconds for a request's head, for a message, and for a reply to be read.
-        closed: called with the reason whenever a connection is closed.
-        turns: of the requests of all connections.
+    All that came together in one turn would delay a step, which takes several turns, by several times their number.
     """
 
+    def __init__(self) -> None:
+        self._waiting: deque[Callable[[], None]] = deque()
+
+    def take(self, begin: Callable[[], None]) -> None:
+        """Call a function once all earlier ones had their turns."""
+        self._waiting.append(begin)
+        if len(self._waiting) == 1:
+            asyncio.get_running_loop().call_soon(self._next)
+
+    def _next(self) -> None:
+        begin = self._waiting.popleft()
+        if self._waiting:
+            asyncio.get_running_loop().call_soon(self._next)
+        begin()
+
+
+@dataclass(frozen=True)
+class Guard:
+    """The limits."""
+
     most: int
+    """Connections at a time."""
     descriptors: int
+    """File descriptors that the process may have with another connection."""
     patience_s: float
+    """Seconds for a request's head, for a message, and for a reply to be read."""
     closed: Callable[[str], None]
+    """Called with the reason whenever a connection is closed."""
     turns: RequestTurns = field(default_factory=RequestTurns)
     _seldom: Seldom = field(default_factory=Seldom)
 
@@ -96,11 +112,8 @@ class Patience:
     ) -> None:
         """Set the limit; it does not run yet.
 
-        Args:
-            guard: has the seconds.
-            on_timeout: called when the client has moved too little.
-            moved: returns the number of bytes that have moved so far.
-            excused: returns whether the client is not to blame.
+        ``on_timeout`` is called when the client has moved too little. ``moved`` returns the number of bytes that have
+        moved so far, ``excused`` whether the client is not to blame.
         """
         self._seconds = guard.patience_s
         self._on_timeout = on_timeout
@@ -179,6 +192,8 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
         super().__init__(*arguments, guard=guard, **named)
         self._head = Patience(guard, self._too_slow, excused=self._answering)
         self._in_head = True
+        self._begun = False
+        """Whether a part of a head has come."""
         self._extra = 0
         """Bytes of the request that are not its body, up to a piece more."""
         self._over = False
@@ -192,27 +207,12 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         if len(self.connections) > self._guard.most:
-            self._refuse(
-                "too-many",
-                UnavailableError(
-                    ProblemType.SERVICE_FULL,
-                    f"{self._guard.most} connections are open, which is the limit; come back later",
-                    retry_after_s=5,
-                ),
-            )
-            return
+            self._refuse_full("too-many", f"{self._guard.most} connections are open, which is the limit")
         # A new connection gets the lowest number that is free.
-        if transport.get_extra_info("socket").fileno() >= self._guard.descriptors:
-            self._refuse(
-                "no-descriptors",
-                UnavailableError(
-                    ProblemType.SERVICE_FULL,
-                    "the service has no file descriptors left for connections; come back later",
-                    retry_after_s=5,
-                ),
-            )
-            return
-        self._head.begin()
+        elif transport.get_extra_info("socket").fileno() >= self._guard.descriptors:
+            self._refuse_full("no-descriptors", "the service has no file descriptors left for connections")
+        else:
+            self._head.begin()
 
     @override
     def connection_lost(self, exc: Exception | None) -> None:
@@ -234,19 +234,17 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
             super().data_received(piece)
             if self._extra > _HEAD and not self._over:
                 self._too_large(f"the request has more than {_HEAD} bytes besides its body")
+        if self._begun:
+            self._head.begin()
 
     @override
     def on_message_begin(self) -> None:
         super().on_message_begin()
-        self._head.begin()
-
-    @override
-    def on_header(self, name: bytes, value: bytes) -> None:
-        if self._in_head:  # a trailer would be added to the headers of a request that is being answered
-            super().on_header(name, value)
+        self._begun = True
 
     @override
     def on_headers_complete(self) -> None:
+        self._begun = False
         self._head.end()
         if self._over:
             return
@@ -261,6 +259,7 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
             before = self.cycle
             super().on_headers_complete()
             if self.cycle is not before:  # a WebSocket has none
+                self.headers = []  # takes the trailers, which are ignored
                 self.cycle.transport = cast(asyncio.Transport, _ReplyTransport(self.transport, self._close))
             if len(self.pipeline) > _QUEUED:
                 self._drop("pipelined")
@@ -341,6 +340,10 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
             ),
         )
 
+    def _refuse_full(self, reason: str, detail: str) -> None:
+        detail += "; come back later"
+        self._refuse(reason, UnavailableError(ProblemType.SERVICE_FULL, detail, retry_after_s=5))
+
     def _refuse(self, reason: str, error: ServiceError) -> None:
         self._over = True
         self._guard.report(reason, self.transport)
@@ -354,37 +357,3 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
         lines = [f"HTTP/1.1 {error.status} {_PHRASES[error.status]}", *(f"{name}: {headers[name]}" for name in headers)]
         self.transport.write("\r\n".join([*lines, "", ""]).encode() + body)
         self.transport.close()
-
-
-class GuardedWebSocket(GuardedWriting, DirectWebSocket):
-    """Uvicorn's WebSocket within the limits."""
-
-    def __init__(self, *arguments: Any, guard: Guard, **named: Any) -> None:
-        super().__init__(*arguments, guard=guard, **named)
-        self._received = 0
-        self._message = Patience(guard, self._too_slow, lambda: self._received, lambda: self.read_paused)
-
-    @override
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._message.end()
-        super().connection_lost(exc)
-
-    @override
-    def data_received(self, data: bytes) -> None:
-        self._received += len(data)
-        super().data_received(data)
-        if self.incomplete:
-            self._message.begin()
-        else:
-            self._message.end()
-
-    @override
-    def refuse_frames(self, code: int, problem: ProblemType) -> None:
-        self._guard.report("too-many-frames", self.transport)
-        super().refuse_frames(code, problem)
-
-    def _too_slow(self) -> None:
-        if self.close_sent or self.transport.is_closing():
-            return
-        self._guard.report("slow-message", self.transport)
-        super().refuse_frames(_POLICY_CLOSE, ProblemType.REQUEST_TIMEOUT)

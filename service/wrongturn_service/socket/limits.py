@@ -12,54 +12,38 @@ _COME_BACK_S = 5
 
 
 class ConnectionLimits:
-    """Counts open connections by agent and by address."""
+    """Counts open connections of an agent and from an address, which may be at most ``each`` and ``address``."""
 
     def __init__(self, *, each: int, address: int) -> None:
-        """Set the limits.
-
-        Args:
-            each: connections of one agent.
-            address: connections from one address.
-        """
         self._each = each
         self._address = address
-        self._agents: Counter[str] = Counter()
-        self._addresses: Counter[str] = Counter()
-
-    @property
-    def open(self) -> int:
+        self.open = 0
         """Number of open connections."""
-        return self._agents.total()
+        self._counts: Counter[str] = Counter()
+        """By agent and by address. An id never looks like an address."""
 
     @contextlib.contextmanager
     def one(self, agent: str, address: str) -> Iterator[None]:
-        """Count one more connection until the block ends.
-
-        Args:
-            agent: whose token opens it.
-            address: where it comes from.
+        """Count one more connection, opened with an agent's token from an address, until the block ends.
 
         Raises:
-            UnavailableError: a limit is reached.
+            UnavailableError: A limit is reached.
         """
-        if self._agents[agent] >= self._each:
-            raise _too_many(f"{self._each} connections of this agent")
-        if self._addresses[address] >= self._address:
-            raise _too_many(f"{self._address} connections from this address")
-        self._agents[agent] += 1
-        self._addresses[address] += 1
+        for who, whose, most in ((agent, "of this agent", self._each), (address, "from this address", self._address)):
+            if self._counts[who] >= most:
+                raise UnavailableError(
+                    ProblemType.RATE_LIMITED,
+                    f"{most} connections {whose} are open, which is the limit; one carries any number of episodes, so "
+                    "use it, or close another",
+                    retry_after_s=_COME_BACK_S,
+                    status=429,
+                    position=1,
+                )
+        self._counts.update((agent, address))
+        self.open += 1
         try:
             yield
         finally:
-            one_less(self._agents, agent)
-            one_less(self._addresses, address)
-
-
-def _too_many(which: str) -> UnavailableError:
-    return UnavailableError(
-        ProblemType.RATE_LIMITED,
-        f"{which} are open, which is the limit; one carries any number of episodes, so use it, or close another",
-        retry_after_s=_COME_BACK_S,
-        status=429,
-        position=1,
-    )
+            self.open -= 1
+            one_less(self._counts, agent)
+            one_less(self._counts, address)

@@ -19,6 +19,7 @@ from websockets.http11 import Request
 from websockets.protocol import State
 
 from wrongturn_protocol import ProblemType, framing
+from wrongturn_service.socket.guards import Guard, GuardedWriting, Patience
 
 _FRAMES: Final = 16
 """Most frames of a connection that are handled in one turn of the event loop."""
@@ -35,11 +36,13 @@ EXTENSION: Final = "wrongturn.direct"
 """Name of the ASGI extension that gives the application the connection's :class:`DirectWebSocket`."""
 
 
-class DirectWebSocket(WebSocketsSansIOProtocol):
-    """Uvicorn's WebSocket, whose binary messages an application can receive directly."""
+class DirectWebSocket(GuardedWriting, WebSocketsSansIOProtocol):
+    """Uvicorn's WebSocket within limits, whose binary messages an application can receive directly."""
 
-    def __init__(self, *arguments: Any, **named: Any) -> None:
-        super().__init__(*arguments, **named)
+    def __init__(self, *arguments: Any, guard: Guard, **named: Any) -> None:
+        super().__init__(*arguments, guard=guard, **named)
+        self._received = 0
+        self._patience = Patience(guard, self._too_slow, lambda: self._received, lambda: self.read_paused)
         self._on_message: Callable[[bytes], None] | None = None
         self._busy = False
         self._pending = bytearray()
@@ -79,10 +82,10 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
 
     # For uvicorn and the transport
 
-    @property
-    def incomplete(self) -> bool:
-        """Whether a part of a message has come."""
-        return bool(self.frames or self._pending or self.conn.reader.buffer)
+    @override
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._patience.end()
+        super().connection_lost(exc)
 
     @override
     def handle_connect(self, event: Request) -> None:
@@ -96,6 +99,7 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
 
     @override
     def data_received(self, data: bytes) -> None:
+        self._received += len(data)
         if not self.handshake_initiated or self._refused:
             super().data_received(data)
         elif self._pending:
@@ -105,6 +109,10 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
                 self._split(whole)
         else:
             self._split(data)
+        if self.frames or self._pending or self.conn.reader.buffer:  # a part of a message
+            self._patience.begin()
+        else:
+            self._patience.end()
 
     @override
     def send_receive_event_to_app(self) -> None:
@@ -139,19 +147,19 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
             # Messages that came with the last one; later, so that no message is handled within another one.
             self.loop.call_soon(self.data_received, b"")
 
-    def refuse_frames(self, code: int, problem: ProblemType) -> None:
-        """Close the connection because of the frames that came.
-
-        Args:
-            code: The close's code.
-            problem: The close's reason.
-        """
+    def _refuse(self, code: int, problem: ProblemType, reason: str) -> None:
+        """Close the connection because of the frames that came, with a code and a problem's type."""
+        self._guard.report(reason, self.transport)
         self._refused = True
         self.conn.fail(code, problem.value)
         self.transport.write(b"".join(self.conn.data_to_send()))
         self.close_sent = True
         # What is unread then would make the end come before the word.
         self.close_timer = self.loop.call_later(_LINGER_S, self.transport.close)
+
+    def _too_slow(self) -> None:
+        if not self.close_sent and not self.transport.is_closing():
+            self._refuse(CloseCode.POLICY_VIOLATION, ProblemType.REQUEST_TIMEOUT, "slow-message")
 
     def _wait_a_turn(self) -> None:
         """Let other connections have their turn before the next frames of this one."""
@@ -170,13 +178,13 @@ class DirectWebSocket(WebSocketsSansIOProtocol):
                 self._controls, self._controls_until = 0, self.loop.time() + _CONTROLS_S
             self._controls += 1
             if self._controls > _CONTROLS:
-                self.refuse_frames(CloseCode.POLICY_VIOLATION, ProblemType.RATE_LIMITED)
+                self._refuse(CloseCode.POLICY_VIOLATION, ProblemType.RATE_LIMITED, "too-many-frames")
                 return False
             return True
         self._fragmented = not kind & framing.FINAL
         self._parts = self._parts + 1 if self._fragmented else 0
         if self._parts > _PARTS:
-            self.refuse_frames(CloseCode.MESSAGE_TOO_BIG, ProblemType.MESSAGE_TOO_LARGE)
+            self._refuse(CloseCode.MESSAGE_TOO_BIG, ProblemType.MESSAGE_TOO_LARGE, "too-many-frames")
             return False
         return True
 

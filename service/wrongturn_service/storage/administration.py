@@ -22,6 +22,7 @@ from wrongturn_service.storage.models import (
     IdempotencyRow,
     OwnerRow,
     SubmissionRow,
+    TrajectoryRow,
     UnusedSecretRow,
 )
 from wrongturn_service.storage.queries import Queries
@@ -35,6 +36,8 @@ ROWS: Final[dict[Collection, type[Item]]] = {
     Collection.EVALUATIONS: EvaluationRow,
     Collection.SUBMISSIONS: SubmissionRow,
 }
+
+_BATCH: Final = 100
 
 
 class After(NamedTuple):
@@ -79,7 +82,6 @@ class Deleted:
 
     Attributes:
         name: Name of the target.
-        contents: How many of each kind.
         held: What stays taken, in words.
         agents: Ids of the agents that went with it.
         evaluations: Ids of the evaluations that went with it.
@@ -88,7 +90,6 @@ class Deleted:
     """
 
     name: str
-    contents: Contents
     held: tuple[str, ...]
     agents: Sequence[str]
     evaluations: Sequence[str]
@@ -158,17 +159,29 @@ class AdministrationStore(Queries):
                 await act.note(session, AuditAction.REVOKE, target, Contents(owners=len(owners), agents=len(agents)))
         return len(owners) + len(agents), agents
 
-    async def delete(self, collection: Collection, item_id: str, act: Act, *, free: bool) -> Deleted | None:
+    async def delete_trajectories(self, collection: Collection, item_id: str) -> bool:
+        """Delete some trajectories of an item that is about to be deleted. Return whether there may be more.
+
+        They are most of its bytes. In small steps, others can write in between.
+        """
+        async with self._database.write() as session:
+            some = _ids("trajectories", *await _whole(session, collection, item_id)).limit(_BATCH)
+            episodes = (await session.scalars(some)).all()
+            await session.execute(delete(TrajectoryRow).where(TrajectoryRow.episode_id.in_(episodes)))
+            return len(episodes) == _BATCH
+
+    async def delete(
+        self, collection: Collection, item_id: str, contents: Contents, act: Act, *, free: bool
+    ) -> Deleted | None:
         """Delete an item with all that hangs on it, and cancel the submissions that drove it. None if it is gone.
 
-        What stays taken, unless it is freed, is noted under the id of the item.
+        ``contents`` are for the audit log. What stays taken, unless it is freed, is noted under the id of the item.
         """
         async with self._database.write() as session:
             if await session.get(ROWS[collection], item_id) is None:
                 return None
             name = await _name(session, collection, item_id)
             whole = await _whole(session, collection, item_id)
-            contents = await _contents(session, *whole)
             agents, evaluations, submissions = [
                 (await session.scalars(_ids(kind, *whole))).all() for kind in ("agents", "evaluations", "submissions")
             ]
@@ -193,7 +206,7 @@ class AdministrationStore(Queries):
             await session.execute(delete(ROWS[kind]).where(ROWS[kind].id == target))
             await act.note(session, AuditAction.DELETE, (collection, item_id, name), contents)
             taken = await held.held_by(session, item_id)
-        return Deleted(name, contents, taken, agents, evaluations, submissions, cancelled)
+        return Deleted(name, taken, agents, evaluations, submissions, cancelled)
 
     async def deleted_before(
         self, collection: Collection, item_id: str, act: Act, *, free: bool

@@ -10,6 +10,7 @@ from sqlalchemy.ext.asyncio import AsyncSession
 from wrongturn_protocol.administration import Contents
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.storage.models import AuditRow
+from wrongturn_service.storage.queries import next_number
 
 _LONGEST_NAME = 160
 
@@ -34,7 +35,7 @@ class Act:
         """Add an entry about a target, by its kind, its id and its name, as the last one."""
         collection, item_id, name = target
         entry = AuditRow(
-            seq=(await session.scalar(select(func.max(AuditRow.seq))) or 0) + 1,
+            seq=await next_number(session, AuditRow.seq),
             time=time.time(),
             actor=self.actor,
             address=self.address[:64],

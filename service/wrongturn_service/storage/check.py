@@ -8,15 +8,12 @@ import tempfile
 from pathlib import Path
 
 from alembic.script import ScriptDirectory
-from alembic.util import CommandError
 from sqlalchemy import inspect, text
 from sqlalchemy.engine import URL
-from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import create_async_engine
 
-from wrongturn_service.errors import StartupError
 from wrongturn_service.storage import location, postgres
-from wrongturn_service.storage.database import migrations
+from wrongturn_service.storage.database import migrations, startup_errors
 
 
 def examine(url: str, home: Path) -> str:
@@ -28,11 +25,19 @@ def examine(url: str, home: Path) -> str:
         StartupError: A service could not use the database. The message says why.
     """
     parsed = location.parse(url)
+    shown = parsed.render_as_string(hide_password=True)
     file = location.file_of(parsed)
-    if parsed.get_backend_name() == "postgresql":
-        return _examine_server(parsed)
-    if file is None:
-        return f"{parsed.render_as_string(hide_password=True)} is a kind of database that this check does not know"
+    if file is not None:
+        return _examine_file(file, home)
+    if parsed.get_backend_name() != "postgresql":
+        return f"{shown} is a kind of database that this check does not know"
+    with startup_errors(shown):
+        versions, free = asyncio.run(_ask(parsed))
+        _check_known(versions)
+    return f"{shown} can be used" if free else f"{shown} is in use by a running service"
+
+
+def _examine_file(file: Path, home: Path) -> str:
     location.ensure_folder(file, home)
     if location.in_use(file):
         return f"{file} is in use by a running service"
@@ -45,39 +50,21 @@ def examine(url: str, home: Path) -> str:
         os.close(os.open(file, os.O_RDWR | os.O_CLOEXEC))
     except OSError as error:
         raise location.unwritable(file, error) from error
-    try:
-        _check_version(file)
-    except sqlite3.Error as error:
-        raise StartupError(f"the database {file} cannot be used: {error}; name another") from error
-    except CommandError as error:
-        raise StartupError(f"the database {file} was made by another version of Wrongturn ({error})") from error
+    with (
+        startup_errors(str(file)),
+        contextlib.closing(sqlite3.connect(f"{file.as_uri()}?mode=rw", uri=True)) as connection,
+    ):
+        tables = connection.execute("SELECT name FROM sqlite_master WHERE name = 'alembic_version'").fetchall()
+        versions = connection.execute("SELECT version_num FROM alembic_version").fetchall() if tables else []
+        _check_known([version for (version,) in versions])
     return f"{file} can be used"
 
 
-def _check_version(file: Path) -> None:
-    """Raise sqlite3's error if the file is no database, Alembic's if a later version made it."""
-    with contextlib.closing(sqlite3.connect(f"{file.as_uri()}?mode=rw", uri=True)) as connection:
-        tables = connection.execute("SELECT name FROM sqlite_master WHERE name = 'alembic_version'").fetchall()
-        versions = connection.execute("SELECT version_num FROM alembic_version").fetchall() if tables else []
-    _check_known([version for (version,) in versions])
-
-
 def _check_known(versions: list[str]) -> None:
+    """Raise Alembic's CommandError if a later version made the tables."""
     known = ScriptDirectory.from_config(migrations())
     for version in versions:
         known.get_revision(version)
-
-
-def _examine_server(url: URL) -> str:
-    shown = url.render_as_string(hide_password=True)
-    try:
-        versions, free = asyncio.run(_ask(url))
-        _check_known(versions)
-    except (SQLAlchemyError, ModuleNotFoundError) as error:
-        raise StartupError(f"the database {shown} cannot be used: {error}; name another") from error
-    except CommandError as error:
-        raise StartupError(f"the database {shown} was made by another version of Wrongturn ({error})") from error
-    return f"{shown} can be used" if free else f"{shown} is in use by a running service"
 
 
 async def _ask(url: URL) -> tuple[list[str], bool]:

@@ -71,7 +71,8 @@ class Condition:
     def __init__(self, failed: Callable[[str], None] = lambda _: None) -> None:
         self._count = failed
         self._failure: FailureKind | None = None
-        self._writing_since: float | None = None
+        self.writing_since: float | None = None
+        """When the write in progress began, by ``time.monotonic()``."""
         self._log = structlog.get_logger("storage")
 
     @property
@@ -79,18 +80,14 @@ class Condition:
         """Why the database cannot be used now, as a sentence; None if nothing is known against it."""
         if self._failure is not None:
             return self._failure.sentence
-        since = self._writing_since
-        stuck = since is not None and time.monotonic() - since >= STUCK_S
-        return f"a write has not ended within {STUCK_S:g} s" if stuck else None
+        if self.writing_since is None or time.monotonic() - self.writing_since < STUCK_S:
+            return None
+        return f"a write has not ended within {STUCK_S:g} s"
 
     @property
     def failing(self) -> bool:
         """Whether a transaction failed, and no write has succeeded since."""
         return self._failure is not None
-
-    def writing(self, *, begins: bool) -> None:
-        """Note that a write begins, or has ended, whatever came of it."""
-        self._writing_since = time.monotonic() if begins else None
 
     def wrote(self) -> None:
         """Note that a write is on disk."""

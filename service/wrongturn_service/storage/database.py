@@ -42,22 +42,22 @@ class Database:
     def __init__(
         self,
         engine: AsyncEngine,
-        lock: int | None,
-        ownership: postgres.Ownership | None = None,
-        file: Path | None = None,
-        telemetry: Telemetry | None = None,
+        resources: contextlib.AsyncExitStack,
+        ownership: postgres.Ownership | None,
+        file: Path | None,
+        telemetry: Telemetry | None,
     ) -> None:
         self.condition = Condition() if telemetry is None else Condition(telemetry.storage_failed)
         self._telemetry = telemetry
         self._probing: asyncio.Task[None] | None = None
         self._writing = engine
+        self._resources = resources
         self._file = file
         self._identity = None if file is None else _identity(file)
         options: dict[str, Any] = {_READ: True}
         if ownership is not None:
             options |= {"isolation_level": "REPEATABLE READ", "postgresql_readonly": True}
         self._reading = engine.execution_options(**options)
-        self._lock = lock
         self._ownership = ownership
         # One writer at a time. SQLite allows no more, and waiting here costs less than its polling. PostgreSQL would,
         # but its transactions could then make each other fail; a service writes little, in milliseconds each.
@@ -75,43 +75,27 @@ class Database:
         """
         parsed = location.parse(url)
         file = location.file_of(parsed)
-        lock = None
-        if file is not None:
-            location.ensure_folder(file, home)
-            location.ensure_file(file)
-            lock = location.lock(file)
-        shown = parsed.render_as_string(hide_password=True)
-        engine = None
         ownership = None
-        try:
+        async with contextlib.AsyncExitStack() as stack:
             if file is not None:
-                _probe(parsed)
-            engine = _engine(parsed)
-            with postgres.one_error():
+                location.ensure_folder(file, home)
+                location.ensure_file(file)
+                stack.callback(os.close, location.lock(file))
+            with startup_errors(parsed.render_as_string(hide_password=True)), postgres.one_error():
+                if file is not None:
+                    _probe(parsed)
+                engine = _engine(parsed)
                 if parsed.get_backend_name() == "postgresql":
                     ownership = postgres.Ownership(parsed)
+                    stack.push_async_callback(ownership.close)
                     await ownership.take()
+                stack.push_async_callback(engine.dispose)
                 async with engine.begin() as connection:
                     await connection.run_sync(_migrate)
                     if ownership is not None:
                         await ownership.sign(connection)
                         await postgres.warn_of_unsafe_settings(connection)
-        except StartupError:
-            await _close(engine, lock, ownership)
-            raise
-        except (SQLAlchemyError, sqlite3.Error, OSError, ModuleNotFoundError) as error:
-            await _close(engine, lock, ownership)
-            reason = str(getattr(error, "orig", None) or error).splitlines()[0]
-            raise StartupError(
-                f"the database {shown} cannot be used: {reason}; name another by {location.NAMED_BY}"
-            ) from error
-        except CommandError as error:
-            await _close(engine, lock, ownership)
-            raise StartupError(
-                f"the database {shown} was made by another version of Wrongturn ({error}); "
-                f"upgrade Wrongturn, or name another database by {location.NAMED_BY}"
-            ) from error
-        return cls(engine, lock, ownership, file, telemetry)
+            return cls(engine, stack.pop_all(), ownership, file, telemetry)
 
     def check(self) -> None:
         """Check that the database is still there and ours, without a query.
@@ -138,7 +122,7 @@ class Database:
         async with self._writer:
             with self._observed("write"), postgres.one_error():
                 self.check()
-                self.condition.writing(begins=True)
+                self.condition.writing_since = time.monotonic()
                 async with AsyncSession(self._writing, expire_on_commit=False) as session, session.begin():
                     if self._ownership is not None:
                         await self._ownership.check(session)
@@ -158,7 +142,7 @@ class Database:
             raise
         finally:
             if operation == "write":
-                self.condition.writing(begins=False)
+                self.condition.writing_since = None
             if self._telemetry is not None:
                 self._telemetry.transacted(operation, time.perf_counter() - began)
 
@@ -175,8 +159,7 @@ class Database:
             self._probing.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await self._probing
-        await _close(self._writing, self._lock, self._ownership)
-        self._lock = None
+        await self._resources.aclose()
 
 
 def _identity(file: Path) -> tuple[int, int] | None:
@@ -187,13 +170,21 @@ def _identity(file: Path) -> tuple[int, int] | None:
     return found.st_dev, found.st_ino
 
 
-async def _close(engine: AsyncEngine | None, lock: int | None, ownership: postgres.Ownership | None) -> None:
-    if engine is not None:
-        await engine.dispose()
-    if ownership is not None:
-        await ownership.close()
-    if lock is not None:
-        os.close(lock)
+@contextlib.contextmanager
+def startup_errors(shown: str) -> Iterator[None]:
+    """Turn errors of opening a database, as it is shown, into StartupErrors with a remedy."""
+    try:
+        yield
+    except CommandError as error:
+        raise StartupError(
+            f"the database {shown} was made by another version of Wrongturn ({error}); "
+            f"upgrade Wrongturn, or name another database by {location.NAMED_BY}"
+        ) from error
+    except (SQLAlchemyError, sqlite3.Error, OSError, ModuleNotFoundError) as error:
+        reason = str(getattr(error, "orig", None) or error).splitlines()[0]
+        raise StartupError(
+            f"the database {shown} cannot be used: {reason}; name another by {location.NAMED_BY}"
+        ) from error
 
 
 def _probe(url: URL) -> None:

@@ -121,11 +121,7 @@ class EpisodeStore(Queries):
         return await self._write(_lost())
 
     async def trajectory(self, episode_id: str) -> tuple[bytes, str] | None:
-        """Return a trajectory's canonical JSON and its SHA-256, or None.
-
-        Raises:
-            DamagedTrajectoryError: The stored bytes have changed.
-        """
+        """Return a trajectory's canonical JSON and its SHA-256, or None. Raises DamagedTrajectoryError."""
         row = await self._get(TrajectoryRow, episode_id)
         return None if row is None else (await asyncio.to_thread(_unpacked, row), row.sha256)
 

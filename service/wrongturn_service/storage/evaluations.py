@@ -16,7 +16,7 @@ from wrongturn_service.storage.models import (
     ResultsRow,
     UnusedSecretRow,
 )
-from wrongturn_service.storage.queries import Queries
+from wrongturn_service.storage.queries import Queries, next_number
 from wrongturn_service.storage.usage import ROW, owner_of, size_of
 from wrongturn_service.storage.visible import counting_suites, public_evaluations, seen_evaluations
 
@@ -216,7 +216,7 @@ async def prepare_evaluation(session: AsyncSession, evaluation: EvaluationRow) -
 
     It takes the secret of the agent's last one on the suite if that was deleted before its first step.
     """
-    evaluation.seq = (await session.scalar(select(func.max(EvaluationRow.seq))) or 0) + 1
+    evaluation.seq = await next_number(session, EvaluationRow.seq)
     unused = await session.get(UnusedSecretRow, (evaluation.agent_id, evaluation.suite))
     if unused is not None:
         evaluation.secret = unused.secret
@@ -225,5 +225,4 @@ async def prepare_evaluation(session: AsyncSession, evaluation: EvaluationRow) -
 
 async def next_episode(session: AsyncSession, evaluation_id: str) -> int:
     """Return the number of an evaluation's next episode."""
-    last = select(func.max(EpisodeRow.seq)).where(EpisodeRow.evaluation_id == evaluation_id)
-    return (await session.scalar(last) or 0) + 1
+    return await next_number(session, EpisodeRow.seq, EpisodeRow.evaluation_id == evaluation_id)

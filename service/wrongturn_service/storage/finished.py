@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
-from sqlalchemy import Select, func, select
+from sqlalchemy import ColumnElement, func, select
 
 from wrongturn_protocol import EpisodeState, EvaluationState, FaultKind, Outcome, Trial
 from wrongturn_service.storage.models import AgentRow, EpisodeRow, EvaluationRow, TrajectoryRow
@@ -80,19 +80,11 @@ class FinishedStore(Queries):
 
     async def episodes(self, evaluation_id: str) -> list[FinishedEpisode]:
         """Return an evaluation's episodes in the order of their resets; none if it is not finished."""
-        return await self._episodes(_shown().where(EpisodeRow.evaluation_id == evaluation_id))
+        return await self._episodes(EpisodeRow.evaluation_id == evaluation_id)
 
     async def episode(self, episode_id: str) -> FinishedEpisode | None:
         """Return an episode, or None."""
-        found = await self._episodes(_shown().where(EpisodeRow.id == episode_id))
-        return found[0] if found else None
-
-    async def episode_of(self, evaluation_id: str, trial_id: str) -> FinishedEpisode | None:
-        """Return the episode of one trial, or None. A twin's trial has an id of its own, see ``twin_id``."""
-        found = await self._episodes(
-            _shown().where(EpisodeRow.evaluation_id == evaluation_id, EpisodeRow.trial_id == trial_id)
-        )
-        return found[0] if found else None
+        return next(iter(await self._episodes(EpisodeRow.id == episode_id)), None)
 
     async def counterpart(self, episode: FinishedEpisode) -> FinishedEpisode | None:
         """Return the episode of a trial's twin, or that of a twin's trial, in the same evaluation; None without one."""
@@ -103,10 +95,8 @@ class FinishedStore(Queries):
         place, _, number = trial.id.rpartition(".")
         place = place.rpartition(".")[0]
         ids = [f"{place}.{kind}.{number}" for kind in FaultKind if (kind is FaultKind.NONE) != trial.is_twin]
-        found = await self._episodes(
-            _shown().where(EpisodeRow.evaluation_id == episode.evaluation, EpisodeRow.trial_id.in_(ids))
-        )
-        return found[0] if found else None
+        of_evaluation = EpisodeRow.evaluation_id == episode.evaluation
+        return next(iter(await self._episodes(of_evaluation, EpisodeRow.trial_id.in_(ids))), None)
 
     async def trajectories(self, evaluation_id: str, episodes: Collection[str] | None = None) -> dict[str, bytes]:
         """Return the canonical JSON of an evaluation's trajectories, by episode.
@@ -124,17 +114,15 @@ class FinishedStore(Queries):
         rows = await self._rows(query)
         return await asyncio.to_thread(lambda: {episode: zlib.decompress(data) for episode, data in rows})
 
-    async def _episodes(self, query: "Select[str, str, str, str | None]") -> list[FinishedEpisode]:
+    async def _episodes(self, *conditions: ColumnElement[bool]) -> list[FinishedEpisode]:
+        ended = EpisodeRow.state == EpisodeState.FINISHED, EpisodeRow.outcome.is_not(None)
+        query = (
+            select(EpisodeRow.id, EvaluationRow.id, EpisodeRow.trial, EpisodeRow.outcome)
+            .join(EvaluationRow, EvaluationRow.id == EpisodeRow.evaluation_id)
+            .where(*public_evaluations(), *ended, *conditions)
+            .order_by(EpisodeRow.seq)
+        )
         return [
             FinishedEpisode(row, evaluation, Trial.model_validate_json(trial), Outcome.model_validate_json(outcome))
             for row, evaluation, trial, outcome in await self._rows(query)
         ]
-
-
-def _shown() -> "Select[str, str, str, str | None]":
-    return (
-        select(EpisodeRow.id, EvaluationRow.id, EpisodeRow.trial, EpisodeRow.outcome)
-        .join(EvaluationRow, EvaluationRow.id == EpisodeRow.evaluation_id)
-        .where(*public_evaluations(), EpisodeRow.state == EpisodeState.FINISHED, EpisodeRow.outcome.is_not(None))
-        .order_by(EpisodeRow.seq)
-    )

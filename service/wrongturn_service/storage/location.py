@@ -8,7 +8,6 @@ import struct
 from pathlib import Path
 from typing import Final
 
-import structlog
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError
 
@@ -107,11 +106,6 @@ def lock(file: Path) -> int:
             raise in_use_error(file)
         if not os.path.samestat(os.fstat(handle), file.stat()):
             raise StartupError(f"the database file {file} was replaced at this moment; start again")
-        if os.fstat(handle).st_nlink > 1:
-            # SQLite keeps a log beside the name that it opens, and another name does not have it.
-            structlog.get_logger("storage").warning(
-                "the database file has other names", file=str(file), remedy="delete the other hard links"
-            )
     except BaseException:
         os.close(handle)
         raise
@@ -119,11 +113,7 @@ def lock(file: Path) -> int:
 
 
 def in_use(file: Path) -> bool:
-    """Return whether a service uses the file.
-
-    Raises:
-        StartupError: The file cannot be written.
-    """
+    """Return whether a service uses the file. Raises StartupError if it cannot be written."""
     if not file.exists():
         return False
     handle = _open(file)

@@ -58,11 +58,7 @@ def connect_args(url: URL) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def one_error() -> Iterator[None]:
-    """Turn errors of the driver that SQLAlchemy does not wrap into one.
-
-    Raises:
-        DatabaseUnreachableError: The driver raised an error.
-    """
+    """Turn errors of the driver that SQLAlchemy does not wrap into DatabaseUnreachableError."""
     try:
         yield
     except (OSError, asyncpg.PostgresError, asyncpg.InterfaceError) as error:

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
-from sqlalchemy import Executable, Select
+from sqlalchemy import Executable, Select, func, select
+from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.usage import Quota, Usage
@@ -11,16 +12,16 @@ from wrongturn_service.storage.usage import Quota, Usage
 _T = TypeVar("_T")
 
 
+async def next_number(session: AsyncSession, column: Any, *where: Any) -> int:
+    """Return the number that follows the largest one of a column, from 1."""
+    return (await session.scalar(select(func.max(column)).where(*where)) or 0) + 1
+
+
 class Queries:
     """Queries on a database. Each method is one transaction."""
 
     def __init__(self, database: Database, quota: Quota | None = None) -> None:
-        """Use a database.
-
-        Args:
-            database: The database.
-            quota: What owners and addresses may have. None for no limits.
-        """
+        """Use a database. Without a quota, owners and addresses have no limits."""
         self._database = database
         self._usage = Usage(quota)
 

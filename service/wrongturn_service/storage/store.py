@@ -53,9 +53,7 @@ class Store(AccountStore, EvaluationStore, EpisodeStore):
         """
         practice = delete(EpisodeRow).where(*over_practice(), EpisodeRow.finished < practice_before)
         replies = delete(IdempotencyRow).where(IdempotencyRow.created < replies_before)
-        async with self._database.write() as session:
-            for old in (practice, replies, *_abandoned(abandoned_before), _unused(unused_before)):
-                await session.execute(old)
+        await self._write(practice, replies, *_abandoned(abandoned_before), _unused(unused_before))
 
 
 def _abandoned(before: float) -> list[Delete]:

@@ -20,7 +20,7 @@ from wrongturn_service.storage.models import (
     SubmissionLogRow,
     SubmissionRow,
 )
-from wrongturn_service.storage.queries import Queries
+from wrongturn_service.storage.queries import Queries, next_number
 from wrongturn_service.storage.usage import ROW, SUBMISSION, size_of
 
 OPEN: Final = tuple(state for state in SubmissionState if not state.over)
@@ -79,7 +79,7 @@ class SubmissionStore(Queries):
             is_open = SubmissionRow.owner_id == submission.owner_id, SubmissionRow.state.in_(OPEN)
             if (await session.scalar(select(func.count()).where(*is_open)) or 0) >= most:
                 raise TooManySubmissionsError(submission.owner_id)
-            submission.seq = (await session.scalar(select(func.max(SubmissionRow.seq))) or 0) + 1
+            submission.seq = await next_number(session, SubmissionRow.seq)
             submission.stored_bytes = SUBMISSION + submission.size
             await self._usage.take(session, submission.owner_id, submission.stored_bytes)
             session.add(submission)
@@ -87,9 +87,9 @@ class SubmissionStore(Queries):
 
     async def forget_model(self, submission_id: str) -> None:
         """Note that a submission's model was deleted, so its bytes count no more. Safe to call again."""
-        async with self._database.write() as session:
-            row = update(SubmissionRow).where(SubmissionRow.id == submission_id)
-            await session.execute(row.values(stored_bytes=SUBMISSION))
+        await self._write(
+            update(SubmissionRow).where(SubmissionRow.id == submission_id).values(stored_bytes=SUBMISSION)
+        )
 
     async def open_count(self, owner_id: str) -> int:
         """Return how many submissions of an owner wait or run."""
@@ -143,11 +143,10 @@ class SubmissionStore(Queries):
             .group_by(EvaluationRow.id, EvaluationRow.trials)
         )
         found: dict[str, tuple[int, int]] = {}
-        async with self._database.read() as session:
-            # Databases limit the number of a query's parameters.
-            for at in range(0, len(wanted), _BATCH):
-                some = query.where(EvaluationRow.id.in_(wanted[at : at + _BATCH]))
-                found |= {name: (done, episodes) for name, done, episodes in (await session.execute(some)).all()}
+        # Databases limit the number of a query's parameters.
+        for at in range(0, len(wanted), _BATCH):
+            some = query.where(EvaluationRow.id.in_(wanted[at : at + _BATCH]))
+            found |= {name: (done, episodes) for name, done, episodes in await self._rows(some)}
         return found
 
     async def last_served(self) -> dict[str, int]:
@@ -160,8 +159,7 @@ class SubmissionStore(Queries):
             .join(EvaluationRow, EvaluationRow.id == SubmissionRow.evaluation_id)
             .group_by(SubmissionRow.owner_id)
         )
-        async with self._database.read() as session:
-            return dict((await session.execute(query)).tuples().all())
+        return dict(await self._rows(query))
 
     async def turns(self) -> dict[str, int]:
         """Return the turn in which each submission that runs has begun, by its id."""
@@ -170,8 +168,7 @@ class SubmissionStore(Queries):
             .join(EvaluationRow, EvaluationRow.id == SubmissionRow.evaluation_id)
             .where(SubmissionRow.state == SubmissionState.RUNNING)
         )
-        async with self._database.read() as session:
-            return dict((await session.execute(query)).tuples().all())
+        return dict(await self._rows(query))
 
     async def set_state(
         self, submission_id: str, state: SubmissionState, *, reason: str | None = None, **columns: Any
@@ -197,10 +194,8 @@ class SubmissionStore(Queries):
         return await self._change(submission_id, columns, ends_token=ends_token)
 
     async def _change(self, submission_id: str, values: dict[str, Any], *, ends_token: bool) -> bool:
-        async with self._database.write() as session:
-            where = SubmissionRow.id == submission_id, SubmissionRow.state.in_(OPEN)
-            result = await session.execute(update(SubmissionRow).where(*where).values(**values))
-            changed = bool(getattr(result, "rowcount", 0))
+        is_open = SubmissionRow.id == submission_id, SubmissionRow.state.in_(OPEN)
+        changed = bool(await self._write(update(SubmissionRow).where(*is_open).values(**values)))
         if changed and ends_token:
             await self.token_ended(submission_id)
         return changed
@@ -252,11 +247,7 @@ class SubmissionStore(Queries):
             row = await session.get(SubmissionRow, submission_id)
             if row is None or row.state != SubmissionState.CHECKED:
                 raise SubmissionOverError(submission_id)
-            begun = select(EvaluationRow.id).where(
-                EvaluationRow.agent_id == evaluation.agent_id, EvaluationRow.suite == evaluation.suite
-            )
-            if await session.scalar(begun.limit(1)) is not None:
-                raise SuiteBegunError(evaluation.agent_id)
+            await _check_no_evaluation(session, evaluation.agent_id, evaluation.suite)
             await prepare_evaluation(session, evaluation)
             # It is not refused: the submission was taken in, and the service itself drives it.
             evaluation.stored_bytes = evaluation.stored_bytes or ROW
@@ -278,16 +269,15 @@ class SubmissionStore(Queries):
         begun = select(EvaluationRow.id).where(EvaluationRow.agent_id == SubmissionRow.agent_id).exists()
         made = and_(SubmissionRow.agent_made, SubmissionRow.agent_id.is_not(None), ~begun)
         ended = SubmissionRow.state.in_((SubmissionState.FAILED, SubmissionState.CANCELLED))
-        query = select(SubmissionRow).where(ended, or_(running, made)).order_by(SubmissionRow.seq)
-        return await self._all(query)
+        return await self._all(select(SubmissionRow).where(ended, or_(running, made)).order_by(SubmissionRow.seq))
 
     async def append_log(self, submission_id: str, message: str) -> None:
         """Add a line to a submission's log, unless the submission was deleted."""
         async with self._database.write() as session:
             if await session.get(SubmissionRow, submission_id) is None:
                 return
-            last = select(func.max(SubmissionLogRow.number)).where(SubmissionLogRow.submission_id == submission_id)
-            number = (await session.scalar(last) or 0) + 1
+            of_it = SubmissionLogRow.submission_id == submission_id
+            number = await next_number(session, SubmissionLogRow.number, of_it)
             text = storable(message) or ""
             session.add(SubmissionLogRow(submission_id=submission_id, number=number, time=time.time(), message=text))
 
@@ -298,9 +288,8 @@ class SubmissionStore(Queries):
 
     async def purge_logs(self, before: float) -> None:
         """Delete the logs of submissions that were over before a time, seconds since 1970."""
-        async with self._database.write() as session:
-            old = select(SubmissionRow.id).where(SubmissionRow.ended < before)
-            await session.execute(delete(SubmissionLogRow).where(SubmissionLogRow.submission_id.in_(old)))
+        old = select(SubmissionRow.id).where(SubmissionRow.ended < before)
+        await self._write(delete(SubmissionLogRow).where(SubmissionLogRow.submission_id.in_(old)))
 
     async def some(self, submission_ids: Iterable[str]) -> Sequence[SubmissionRow]:
         """Return these submissions. Unknown ids are left out."""
@@ -319,13 +308,17 @@ async def _check_name(session: AsyncSession, name_key: str) -> None:
 async def _check_not_begun(session: AsyncSession, agent_id: str, suite: str) -> None:
     if await held.is_held(session, held.EVALUATION, held.place(agent_id, suite)):
         raise SuiteBegunError(agent_id)
-    evaluation = select(EvaluationRow.id).where(EvaluationRow.agent_id == agent_id, EvaluationRow.suite == suite)
-    waiting = select(SubmissionRow.id).where(
-        SubmissionRow.agent_id == agent_id, SubmissionRow.suite == suite, SubmissionRow.state.in_(OPEN)
-    )
-    for begun in (evaluation, waiting):
-        if await session.scalar(begun.limit(1)) is not None:
-            raise SuiteBegunError(agent_id)
+    await _check_no_evaluation(session, agent_id, suite)
+    of_agent = SubmissionRow.agent_id == agent_id, SubmissionRow.suite == suite
+    waiting = select(SubmissionRow.id).where(*of_agent, SubmissionRow.state.in_(OPEN))
+    if await session.scalar(waiting.limit(1)) is not None:
+        raise SuiteBegunError(agent_id)
+
+
+async def _check_no_evaluation(session: AsyncSession, agent_id: str, suite: str) -> None:
+    begun = select(EvaluationRow.id).where(EvaluationRow.agent_id == agent_id, EvaluationRow.suite == suite)
+    if await session.scalar(begun.limit(1)) is not None:
+        raise SuiteBegunError(agent_id)
 
 
 def storable(text: str | None) -> str | None:

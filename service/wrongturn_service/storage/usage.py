@@ -10,7 +10,7 @@ and is summed anew when it reaches the quota.
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from sqlalchemy import ColumnElement, case, delete, func, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
@@ -141,19 +141,26 @@ def stored() -> Any:
 
 @dataclass(frozen=True)
 class Quota:
-    """What an owner and an address may have.
-
-    Attributes:
-        owner_bytes: Stored bytes of one owner.
-        address_bytes: Stored bytes of all owners that registered from one address.
-        agents: Agents of one owner.
-        accounts: Owners and agents that registered from one address.
-    """
+    """What an owner and an address may have."""
 
     owner_bytes: int = _UNLIMITED
+    """Stored bytes of one owner."""
     address_bytes: int = _UNLIMITED
+    """Stored bytes of all owners that registered from one address."""
     agents: int = _UNLIMITED
+    """Agents of one owner."""
     accounts: int = _UNLIMITED
+    """Owners and agents that registered from one address."""
+
+
+class _Reached(NamedTuple):
+    """A quota of bytes, and by how much it would be exceeded."""
+
+    over: int
+    whose: str
+    setting: str
+    stored: int
+    most: int
 
 
 class Usage:
@@ -175,11 +182,7 @@ class Usage:
     async def make_room(self, session: AsyncSession, owner_id: str, more: int, *, reserve: bool = False) -> None:
         """Make room for so many bytes, if need be by deleting the owner's oldest practice.
 
-        Args:
-            session: The transaction.
-            owner_id: Id of the owner.
-            more: Bytes.
-            reserve: They are what an evaluation can come to, which the error then says.
+        ``reserve`` says that they are what an evaluation can come to, which the error then explains.
 
         Raises:
             QuotaReachedError: They do not fit even then.
@@ -187,24 +190,23 @@ class Usage:
         summed = False
         while (reached := await self._reached(session, owner_id, more)) is not None:
             if summed and not await self._evict(session, owner_id, reached.over):
-                raise QuotaReachedError(reached.sentence(more, reserve=reserve))
+                raise QuotaReachedError(_sentence(reached, more, reserve=reserve))
             await self._sum(session, owner_id)
             summed = True
 
-    async def _reached(self, session: AsyncSession, owner_id: str, more: int) -> "_Reached | None":
+    async def _reached(self, session: AsyncSession, owner_id: str, more: int) -> _Reached | None:
         """Return the quota that so many bytes more would exceed, the one by most; None if they fit."""
         query = select(OwnerRow.name_key, OwnerRow.origin, OwnerRow.stored_bytes).where(OwnerRow.id == owner_id)
         found = (await session.execute(query)).first()
         if found is None or found.name_key == OWNER_NAME.lower():
             return None
         size, most = found.stored_bytes, self._quota.owner_bytes
-        quotas = [_Reached("this owner", "WRONGTURN_BYTES_PER_OWNER", size, most, size + more - most)]
+        worst = _Reached(size + more - most, "this owner", "WRONGTURN_BYTES_PER_OWNER", size, most)
         if found.origin is not None:
             total = select(func.sum(OwnerRow.stored_bytes)).where(OwnerRow.origin == found.origin)
             size, most = int(await session.scalar(total) or 0), self._quota.address_bytes
             whose = "the address that registered this owner"
-            quotas.append(_Reached(whose, "WRONGTURN_BYTES_PER_ADDRESS", size, most, size + more - most))
-        worst = max(quotas, key=lambda quota: quota.over)
+            worst = max(worst, _Reached(size + more - most, whose, "WRONGTURN_BYTES_PER_ADDRESS", size, most))
         return worst if worst.over > 0 else None
 
     async def _sum(self, session: AsyncSession, owner_id: str) -> None:
@@ -236,10 +238,10 @@ class Usage:
         *,
         reserved: bool = False,
     ) -> None:
-        """Store the reply for an idempotency key.
+        """Store the reply for an idempotency key, if there is one. What it is about is stored already.
 
         Args:
-            session: The transaction, in which the rows that the reply is about are stored already.
+            session: The transaction.
             reply: The reply. None without a key.
             owner_id: The owner whose bytes it counts to.
             about: Ids of what the reply is about: ``agent_id``, ``evaluation_id``, ``episode_id``, ``submission_id``.
@@ -259,13 +261,7 @@ class Usage:
         session.add(reply)
 
     async def check_accounts(self, session: AsyncSession, owner: OwnerRow, *, agents: int, owners: int) -> None:
-        """Check that an owner may be stored, or have agents more.
-
-        Args:
-            session: The transaction.
-            owner: The owner.
-            agents: Number of its new agents.
-            owners: 1 if the owner is new, else 0.
+        """Check that an owner may have so many new agents; ``owners`` is 1 if it is new itself, else 0.
 
         Raises:
             QuotaReachedError: It has, or its address has, as many as may be.
@@ -290,29 +286,19 @@ class Usage:
             )
 
 
-@dataclass(frozen=True)
-class _Reached:
-    """A quota of bytes, and by how much it would be exceeded."""
-
-    whose: str
-    setting: str
-    stored: int
-    most: int
-    over: int
-
-    def sentence(self, more: int, *, reserve: bool) -> str:
-        """Return what is said to who wanted so many bytes more, which may be the reserve of an evaluation."""
-        wanted = f"{_megabytes(more)} more do not fit" if more else "nothing more fits"
-        if reserve:
-            wanted = (
-                f"an evaluation reserves {_megabytes(more)}, which do not fit now (at its end it keeps only what it "
-                "stored, and the rest comes back)"
-            )
-        return (
-            f"{wanted}: {self.whose} has {_megabytes(self.stored)} of {_megabytes(self.most)}, its quota; finish or "
-            "cancel running evaluations, wait until practice, models and stored replies are deleted with time, or ask "
-            f"the operator to raise {self.setting}"
+def _sentence(reached: _Reached, more: int, *, reserve: bool) -> str:
+    """Return what is said to who wanted so many bytes more, which may be the reserve of an evaluation."""
+    wanted = f"{_megabytes(more)} more do not fit" if more else "nothing more fits"
+    if reserve:
+        wanted = (
+            f"an evaluation reserves {_megabytes(more)}, which do not fit now (at its end it keeps only what it "
+            "stored, and the rest comes back)"
         )
+    return (
+        f"{wanted}: {reached.whose} has {_megabytes(reached.stored)} of {_megabytes(reached.most)}, its quota; finish "
+        "or cancel running evaluations, wait until practice, models and stored replies are deleted with time, or ask "
+        f"the operator to raise {reached.setting}"
+    )
 
 
 def _megabytes(size: int) -> str:
