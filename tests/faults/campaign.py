@@ -53,7 +53,7 @@ class Report:
         found = self.findings
         print(f"\n{self.database}, {self.seconds:.0f} s; killed by SIGKILL: {dict(self.kills)}")
         print(f"{found.evaluations} evaluations, {found.finished} verdicts, {found.acknowledged} of them acknowledged")
-        print(f"{self.replays} replays, {self.retries} retries, {self.gone_on_with} gone on with by the next client")
+        print(f"{self.replays} replays, {self.gone_on_with} gone on with by the next client")
         print(f"gave up {dict(self.gave_up)}, refused {dict(self.refusals)}, voided {dict(found.voided)}")
         print(f"bad: {found.bad or 'nothing'}")
 
