@@ -9,21 +9,10 @@ from typing import Any, Final, NoReturn, Self, TypeVar
 
 from numpy.typing import NDArray
 
-from wrongturn_sandbox import bubblewrap, reasons
+from wrongturn_sandbox import bubblewrap, frames, reasons
 from wrongturn_sandbox.bubblewrap import Bubblewrap
 from wrongturn_sandbox.errors import ModelRefusedError, SandboxBusyError, SandboxLostError, SandboxUnavailableError
-from wrongturn_sandbox.frames import (
-    MODEL_MOST,
-    REPLY_MOST,
-    VERSION,
-    CutOffError,
-    DeadlineError,
-    FrameError,
-    packed,
-    receive,
-    send,
-    unpacked,
-)
+from wrongturn_sandbox.frames import MODEL_MOST, REPLY_MOST, VERSION, CutOffError, DeadlineError, FrameError
 from wrongturn_sandbox.messages import Description, Limits, pack_arrays, read_arrays, read_description, read_reply
 
 _T = TypeVar("_T")
@@ -90,9 +79,9 @@ class Sandbox:
         """
         if len(model) > MODEL_MOST:
             raise self._refused(f"the file has {len(model)} bytes; at most {MODEL_MOST} are allowed")
-        frames = (packed({"load": len(model)}), model)
+        parts = (frames.packed({"load": len(model)}), model)
         late = reasons.too_slow_to_load(self._limits)
-        return self._call(frames, "description", read_description, self._limits.load_s, late)
+        return self._call(parts, "description", read_description, self._limits.load_s, late)
 
     def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         """Return the model's outputs for one step's inputs, by name. Each array has the batch axis.
@@ -102,7 +91,7 @@ class Sandbox:
             SandboxLostError: The sandbox was ended from outside.
             ValueError: An input's type does not go into a sandbox.
         """
-        call = packed({"run": pack_arrays(inputs)})
+        call = frames.packed({"run": pack_arrays(inputs)})
         return self._call((call,), "outputs", read_arrays, self._limits.step_s, reasons.too_slow_a_step(self._limits))
 
     def close(self) -> None:
@@ -120,7 +109,7 @@ class Sandbox:
         limits = self._limits
         begin = {"begin": VERSION, "memory": limits.memory, "load_s": limits.load_s, "step_s": limits.step_s}
         try:
-            kind, said = self._exchange((packed(begin),), time.monotonic() + START_S)
+            kind, said = self._exchange((frames.packed(begin),), time.monotonic() + START_S)
         except DeadlineError:
             raise SandboxUnavailableError(f"the sandbox did not start within {START_S:g} s") from None
         except FrameError:
@@ -134,12 +123,12 @@ class Sandbox:
         self.runtime = reasons.printable(said.get("runtime"))
 
     def _call(
-        self, frames: tuple[_Bytes, ...], wanted: str, read: Callable[[object], _T], seconds: float, late: str
+        self, parts: tuple[_Bytes, ...], wanted: str, read: Callable[[object], _T], seconds: float, late: str
     ) -> _T:
         if self._guest.connection.fileno() < 0:
             raise SandboxLostError("the sandbox is closed; open another one")
         try:
-            kind, said = self._exchange(frames, time.monotonic() + seconds)
+            kind, said = self._exchange(parts, time.monotonic() + seconds)
             if kind == wanted:
                 return read(said)
         except DeadlineError:
@@ -152,17 +141,17 @@ class Sandbox:
             self._ended(said)
         raise self._refused(_nonsense(f"{kind} instead of {wanted}"))
 
-    def _exchange(self, frames: tuple[_Bytes, ...], deadline: float) -> tuple[str, Any]:
+    def _exchange(self, parts: tuple[_Bytes, ...], deadline: float) -> tuple[str, Any]:
         """Send frames and return the reply, "ended" if there is none. Raises DeadlineError, FrameError."""
         connection = self._guest.connection
         try:
             with contextlib.suppress(OSError):  # the guest has ended, and its listener may have said how
-                for frame in frames:
-                    send(connection, frame, deadline)
-            content = receive(connection, REPLY_MOST, deadline)
+                for part in parts:
+                    frames.send(connection, part, deadline)
+            content = frames.receive(connection, REPLY_MOST, deadline)
         except (OSError, CutOffError):
             content = None
-        return ("ended", None) if content is None else read_reply(unpacked(content))
+        return ("ended", None) if content is None else read_reply(frames.unpacked(content))
 
     def _ended(self, said: object) -> NoReturn:
         status = said if type(said) is int else self._guest.status()

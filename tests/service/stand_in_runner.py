@@ -69,8 +69,7 @@ def check(job: dict[str, Any], model: dict[str, Any], act: str) -> None:
     calls = Calls(job["url"], practice["token"])
     body = {"suite": practice["suite"], "trial": practice["trial"]}
     _, begun = calls("POST", "/v1/episodes", body, 201)
-    for seq in range(1, 7):
-        calls.step(begun["id"], seq)
+    calls.step(begun["id"], 1)
     if practised:
         end(act.removesuffix(" in practice"))
     calls("DELETE", f"/v1/episodes/{begun['id']}", expected=204)

@@ -17,7 +17,7 @@ from wrongturn_protocol import SubmissionState
 from wrongturn_service.storage.backup import back_up, restore
 from wrongturn_service.storage.models import SubmissionRow
 from wrongturn_service.storage.submissions import SubmissionStore
-from wrongturn_service.submissions.files import ModelFiles
+from wrongturn_service.submissions.files import ArrivingModel, ModelFiles
 from wrongturn_service.submissions.operations import NO_MODEL
 
 _DAY_S = 86400.0
@@ -44,10 +44,12 @@ def test_a_start_deletes_what_uploads_left(tmp_path: Path) -> None:
 def test_a_start_leaves_what_another_service_receives(tmp_path: Path) -> None:
     folder = ModelFiles(tmp_path)
     folder.prepare()
-    handle = folder.begin("su_1")
+    arriving = ArrivingModel(folder, "su_1")
+    arriving.begin()
     ModelFiles(tmp_path).prepare()
     assert files(tmp_path) == ["su_1.part"]
-    os.close(handle)
+    assert arriving._handle is not None
+    os.close(arriving._handle)
     ModelFiles(tmp_path).prepare()
     assert files(tmp_path) == []
 

@@ -54,28 +54,26 @@ def is_model(handle: int) -> bool:
 NAMELESS = form(part("suite", b"smoke@2"), part("model", b"m"))
 
 
-@pytest.mark.parametrize(
-    ("body", "status", "kind", "path"),
-    [
-        (model(suite="none@1"), 404, "unknown-suite", None),
-        (model(name=""), 422, "validation", "name"),
-        (model(name="../x"), 422, "validation", "name"),
-        (model(name="x" * 65), 422, "validation", "name"),
-        (NAMELESS, 422, "validation", "name"),
-        (model(name="Taken"), 409, "agent-name-taken", "name"),
-        (model(name="WAITING"), 409, "agent-name-taken", "name"),
-        (model(b"m" * 2049), 413, "body-too-large", "model"),
-        (b"no form", 400, "malformed-body", None),
-    ],
-)
+REFUSED = [
+    (model(suite="none@1"), 404, "unknown-suite", None),
+    (model(name=""), 422, "validation", "name"),
+    (model(name="../x"), 422, "validation", "name"),
+    (model(name="x" * 65), 422, "validation", "name"),
+    (NAMELESS, 422, "validation", "name"),
+    (model(name="Taken"), 409, "agent-name-taken", "name"),
+    (model(name="WAITING"), 409, "agent-name-taken", "name"),
+    (model(b"m" * 2049), 413, "body-too-large", "model"),
+    (b"no form", 400, "malformed-body", None),
+]
+
+
 @story(model_limit=2048)
-async def test_what_is_refused_leaves_nothing(
-    http: httpx.AsyncClient, body: bytes, status: int, kind: str, path: str | None
-) -> None:
+async def test_what_is_refused_leaves_nothing(http: httpx.AsyncClient) -> None:
     await agent(http, "taken")
     waits = expect(await hand_in(http, model(name="waiting")), 202)
-    problem(await hand_in(http, body), status, kind, path)
-    assert files(http) == [f"{waits['id']}.onnx"]
+    for body, status, kind, path in REFUSED:
+        problem(await hand_in(http, body), status, kind, path)
+        assert files(http) == [f"{waits['id']}.onnx"]
     assert len(expect(await http.get("/v1/submissions"), 200)["submissions"]) == 1
 
 
@@ -270,27 +268,24 @@ async def test_what_failed_says_why(http: httpx.AsyncClient) -> None:
     expect(await hand_in(http), 202)
 
 
-@pytest.mark.parametrize(("number", "status"), [(errno.ENOSPC, 507), (errno.EDQUOT, 507), (errno.EIO, 503)])
-@pytest.mark.parametrize("call", ["write", "fsync", "open"])
 @story()
-async def test_a_disk_that_fails(
-    http: httpx.AsyncClient, monkeypatch: pytest.MonkeyPatch, number: int, status: int, call: str
-) -> None:
-    real = getattr(os, call)
+async def test_a_disk_that_fails(http: httpx.AsyncClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    for call, number, status in (("write", errno.ENOSPC, 507), ("fsync", errno.EDQUOT, 507), ("open", errno.EIO, 503)):
+        real = getattr(os, call)
 
-    def fail_or_not(*arguments: Any, **named: Any) -> Any:
-        # Other parts of the service open and write files too.
-        ours = ".part" in str(arguments[0]) if call == "open" else is_model(arguments[0])
-        if not ours:
-            return real(*arguments, **named)
-        raise OSError(number, os.strerror(number))
+        def fail_or_not(*arguments: Any, call: str = call, number: int = number, real: Any = real, **named: Any) -> Any:
+            # Other parts of the service open and write files too.
+            ours = ".part" in str(arguments[0]) if call == "open" else is_model(arguments[0])
+            if not ours:
+                return real(*arguments, **named)
+            raise OSError(number, os.strerror(number))
 
-    with monkeypatch.context() as patched:
-        patched.setattr(os, call, fail_or_not)
-        refused = await hand_in(http)
-    told = problem(refused, status, "storage-failed")
-    assert "hand it in" in told["detail"]
-    assert files(http) == []
+        with monkeypatch.context() as patched:
+            patched.setattr(os, call, fail_or_not)
+            refused = await hand_in(http)
+        told = problem(refused, status, "storage-failed")
+        assert "hand it in" in told["detail"]
+        assert files(http) == []
     expect(await hand_in(http), 202)
 
 

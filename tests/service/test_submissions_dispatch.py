@@ -13,13 +13,14 @@ from unittest.mock import patch
 import httpx
 import pytest
 from clocked_service import ClockedService
+from fake_pool import FakePool
 from service_harness import expect, metrics, problem
 from submission_owner import Owner, until
 
 from wrongturn_sandbox import SandboxUnavailableError
 from wrongturn_service.submissions import availability, jobs, runners
 
-RUNNER = (sys.executable, str(Path(__file__).with_name("stand_in_runner.py")))
+RUNNER = (sys.executable, "-I", "-S", str(Path(__file__).with_name("stand_in_runner.py")))
 EPISODES = 12
 
 
@@ -39,7 +40,9 @@ class Stage:
 
     def serve(self, **settings: Any) -> ClockedService:
         settings = {"submissions": 2, "slots": 4, "shutdown_grace_s": 1, **settings}
-        service = ClockedService(self.folder / "wrongturn.db", runner=RUNNER, **settings)
+        pool = FakePool(settings["slots"])
+        pool.steps = 2  # an episode is over at once
+        service = ClockedService(self.folder / "wrongturn.db", runner=RUNNER, pool=pool, **settings)
         self.services.append(service)
         return service
 
@@ -153,7 +156,7 @@ def test_a_model_that_is_refused_in_its_check_leaves_its_reason_and_a_free_name(
         assert "evaluation" not in found
         assert expect(owner.http.get("/v1/agents"), 200)["agents"] == []
         assert figure(owner, "wrongturn_open_episodes") == 0
-    assert owner.until(owner.hand_in(stage.model(), "second"), "finished")["name"] == "second"
+    assert owner.until(owner.hand_in(stage.model(), "second"), "running", "finished")["name"] == "second"
 
 
 def test_a_model_that_fails_while_it_drives_counts_as_what_it_is(stage: Stage) -> None:
@@ -198,25 +201,26 @@ def test_a_lost_runner_takes_nothing_with_it(stage: Stage) -> None:
     assert figure(owner, "wrongturn_open_episodes") == 0
 
 
-def test_a_runner_that_gets_no_sandbox_is_not_lost(stage: Stage) -> None:
+def test_a_runner_that_gets_no_sandbox_is_not_lost(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jobs, "ATTEMPTS", 2)
     service = stage.serve()
     owner = stage.owner(service)
-    model = stage.model(check=[*["no room"] * 6, "pass"], drive=[*[{"at once": "no room"}] * 6, {}])
+    model = stage.model(check=[*["no room"] * 3, "pass"], drive=[*[{"at once": "no room"}] * 3, {}])
     submission = owner.hand_in(model)
     owner.until(submission, "finished")
-    assert len(stage.starts(model, "check")) == len(stage.starts(model, "drive")) == 7
+    assert len(stage.starts(model, "check")) == len(stage.starts(model, "drive")) == 4
     assert sum("sandboxes are taken" in line for line in owner.log(submission)) == 2
     assert figure(owner, "wrongturn_runners_lost_total") == 0
 
 
-@pytest.mark.soak  # CI loses runners one by one
-def test_runners_that_are_lost_after_an_episode_do_not_add_up(stage: Stage) -> None:
+def test_runners_that_are_lost_after_an_episode_do_not_add_up(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jobs, "ATTEMPTS", 2)
     service = stage.serve()
     owner = stage.owner(service)
-    model = stage.model(drive=[{"after": 1, "then": "die"}] * 6 + [{}])
+    model = stage.model(drive=[{"after": 1, "then": "die"}] * 3 + [{}])
     found = owner.until(owner.hand_in(model), "finished")
     assert verdicts(owner, found["evaluation"]) == {"exit_commanded": EPISODES}
-    assert len(stage.starts(model, "drive")) == 7
+    assert len(stage.starts(model, "drive")) == 4
 
 
 @pytest.mark.parametrize(("task", "acts"), [("check", ["die"]), ("drive", [{"after": 0, "then": "die"}])])

@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import fcntl
+import hashlib
 import os
 import shutil
 from pathlib import Path
@@ -49,23 +50,6 @@ class ModelFiles:
         if disk.free - size < reserve:
             raise OSError(errno.ENOSPC, f"{disk.free} bytes are free, {size} are needed, {reserve} are kept free")
 
-    def begin(self, submission_id: str) -> int:
-        """Create the file of a model that arrives, and return its descriptor. Raises OSError."""
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
-        handle = os.open(self._part(submission_id), flags, OWNER_ALONE)
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        return handle
-
-    def keep(self, submission_id: str, handle: int) -> None:
-        """Put a model that has arrived on disk for good, under its name. Raises OSError."""
-        os.fsync(handle)
-        self._part(submission_id).rename(self.path(submission_id))
-        folder = os.open(self.folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-
     def size(self, submission_id: str) -> int | None:
         """Return the bytes of a complete model; None without one."""
         try:
@@ -76,10 +60,6 @@ class ModelFiles:
     def delete(self, submission_id: str) -> None:
         """Delete a complete model. Safe to call more than once."""
         self.path(submission_id).unlink(missing_ok=True)
-
-    def delete_part(self, submission_id: str) -> None:
-        """Delete what has arrived of a model. Safe to call more than once."""
-        self._part(submission_id).unlink(missing_ok=True)
 
     async def purge(self, rows: SubmissionStore, before: float) -> int:
         """Delete models that nobody needs, and return how many.
@@ -97,8 +77,51 @@ class ModelFiles:
             await rows.forget_model(name)
         return len(useless)
 
-    def _part(self, submission_id: str) -> Path:
-        return self.folder / f"{submission_id}.part"
+
+class ArrivingModel:
+    """A model that is being received. Until it is kept, its file ends in ``.part``. Methods raise OSError."""
+
+    def __init__(self, files: ModelFiles, submission_id: str) -> None:
+        self._files = files
+        self._to = files.path(submission_id)
+        self._part = self._to.with_suffix(".part")
+        self.hash = hashlib.sha256()
+        self._handle: int | None = None
+
+    def begin(self) -> None:
+        """Create the file."""
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+        self._handle = os.open(self._part, flags, OWNER_ALONE)
+        fcntl.flock(self._handle, fcntl.LOCK_EX)
+
+    def write(self, data: bytes) -> None:
+        """Write and hash the next bytes."""
+        assert self._handle is not None
+        # Uploads at the same time may fill the disk that was free when each began.
+        self._files.check_room(len(data))
+        self.hash.update(data)
+        left = memoryview(data)
+        while left:
+            left = left[os.write(self._handle, left) :]
+
+    def keep(self) -> None:
+        """Put the model on disk for good, under its name."""
+        assert self._handle is not None
+        os.fsync(self._handle)
+        self._part.rename(self._to)
+        folder = os.open(self._files.folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+    def close(self) -> None:
+        """Close the file, and delete it unless it was kept."""
+        if self._handle is not None:
+            with contextlib.suppress(OSError):
+                os.close(self._handle)
+            self._handle = None
+        self._part.unlink(missing_ok=True)
 
 
 def never_driven(row: SubmissionRow) -> bool:

@@ -4,7 +4,7 @@ import abc
 import asyncio
 import contextlib
 import time
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Final
@@ -13,17 +13,7 @@ import structlog
 from typing_extensions import override
 
 from wrongturn_protocol import Entry, EvaluationState, SubmissionState, Track
-from wrongturn_runner.messages import (
-    CheckJob,
-    Described,
-    DriveJob,
-    Driven,
-    Passed,
-    PracticeJob,
-    Progressed,
-    Refused,
-    SandboxAddress,
-)
+from wrongturn_runner import messages
 from wrongturn_service import catalogue
 from wrongturn_service.episodes.episodes import PATIENCE_S, Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations, new_evaluation
@@ -34,7 +24,7 @@ from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.submissions import SubmissionOverError, SuiteBegunError
 from wrongturn_service.submissions.availability import Availability
 from wrongturn_service.submissions.operations import NO_MODEL, OverError, RefusedError, Submissions
-from wrongturn_service.submissions.runners import HaltedError, NoRoomError, RunnerLostError, runner
+from wrongturn_service.submissions.runners import HaltedError, NoRoomError, Runner, RunnerLostError, runner
 from wrongturn_service.telemetry import Telemetry
 
 ATTEMPTS: Final = 5
@@ -90,17 +80,13 @@ class Job(abc.ABC):
         self.task: asyncio.Task[None] | None = None
         self._context = context
         self._rows = context.submissions.rows
-        self._address = SandboxAddress(socket=context.settings.runner_socket, memory=context.settings.model_memory)
+        self._address = messages.SandboxAddress(
+            socket=context.settings.runner_socket, memory=context.settings.model_memory
+        )
 
     @abc.abstractmethod
     async def run(self) -> None:
-        """Work until the submission is checked or driven.
-
-        Raises:
-            RefusedError: The model is at fault, no runner could do the work, or the evaluation cannot go on.
-            OverError: The submission was cancelled meanwhile.
-            HaltedError: The job was told to end.
-        """
+        """Work until the submission is checked or driven. Raises RefusedError, OverError, HaltedError."""
 
     async def pause(self, seconds: float) -> None:
         """Wait some seconds. Raises HaltedError as soon as the job is told to end."""
@@ -142,21 +128,34 @@ class Job(abc.ABC):
         await self._rows.set_columns(self.row.id, token_sha256=None)
         await self._context.episodes.lose(self.row.id, patience_s)
 
-    async def _lost(self, lost: RunnerLostError, attempts: int) -> None:
-        """Note that a runner was lost, the ``attempts``-th in a row, and wait a little before the next one.
+    @contextlib.asynccontextmanager
+    async def _runner(self, job: messages.Job) -> AsyncIterator[Runner]:
+        """Start a runner, and end it with all that it began. Raises RunnerLostError."""
+        try:
+            async with runner(job, self.row.id, self._context.command, self.halt) as process:
+                yield process
+        finally:
+            await self._runner_gone(_PATIENCE_S)
+
+    async def _lost(self, lost: RunnerLostError, attempts: int) -> int:
+        """Note that a runner was lost, after so many in a row, and wait a little before the next one.
+
+        Returns:
+            How many were lost in a row by now.
 
         Raises:
             RefusedError: They were too many, or the model is gone, which is why the runner ended.
             OverError: The submission is over, which may be why.
             HaltedError: The job was told to end.
         """
+        attempts += not isinstance(lost, NoRoomError)
         if not await self._rows.set_columns(self.row.id, attempts=attempts):
             raise OverError(self.row.id)
         self._model()
         if isinstance(lost, NoRoomError):
             await self._tell("All sandboxes are taken. It continues when a sandbox is free.", again=False)
             await self.pause(_LONGEST_PAUSE_S)
-            return
+            return attempts
         self._context.telemetry.runners_lost.inc()
         _log.warning("runner lost", submission=self.row.id, reason=str(lost), attempts=attempts)
         if attempts >= ATTEMPTS:
@@ -167,6 +166,10 @@ class Job(abc.ABC):
         await self._tell(f"A runner was lost: {lost}. Runner {attempts + 1} of at most {ATTEMPTS} takes over.")
         await self._context.availability.look()
         await self.pause(min(_LONGEST_PAUSE_S, _FIRST_PAUSE_S * 2 ** (attempts - 1)))
+        return attempts
+
+    def _senseless(self, event: messages.Event) -> RunnerLostError:
+        return RunnerLostError(f"the runner said {event.event!r}, which makes no sense in a {self.verb}")
 
 
 class Check(Job):
@@ -184,15 +187,12 @@ class Check(Job):
                 passed = await self._once()
                 break
             except RunnerLostError as lost:
-                attempts += not isinstance(lost, NoRoomError)
-                await self._runner_gone()
-                await self._lost(lost, attempts)
+                attempts = await self._lost(lost, attempts)
             except RefusedError:
                 self._context.telemetry.checks.observe(time.monotonic() - began)
                 raise
         seconds = time.monotonic() - began
         self._context.telemetry.checks.observe(seconds)
-        await self._runner_gone()
         slowest = f"; the slowest took {max(passed.step_ms):.1f} ms" if passed.step_ms else ""
         if await self._rows.set_state(self.row.id, SubmissionState.CHECKED, attempts=0):
             await self._tell(
@@ -200,10 +200,10 @@ class Check(Job):
             )
             _log.info("submission checked", submission=self.row.id, seconds=round(seconds, 2))
 
-    async def _once(self) -> Passed:
+    async def _once(self) -> messages.Passed:
         """Let one runner check the model until its last word. Raises RefusedError, RunnerLostError."""
         row, suite = self.row, catalogue.suite(self.row.suite)
-        job = CheckJob(
+        job = messages.CheckJob(
             model=self._model(),
             sha256=row.sha256,
             sandbox=self._address,
@@ -212,24 +212,24 @@ class Check(Job):
             url=self._context.url,
         )
         loop = asyncio.get_running_loop()
-        async with runner(job, row.id, self._context.command, self.halt) as process:
+        async with self._runner(job) as process:
             process.deadline = loop.time() + _LOAD_S
             async for event in process.events():
                 match event:
-                    case Described():
+                    case messages.Described():
                         await self._make_agent(event)
                         token = await self._token()
                         process.deadline = loop.time() + _PRACTICE_S
-                        await process.send(PracticeJob(token=token, suite=suite.id, trial=suite.trials[0].id))
-                    case Refused():
+                        await process.send(messages.PracticeJob(token=token, suite=suite.id, trial=suite.trials[0].id))
+                    case messages.Refused():
                         raise RefusedError(event.reason)
-                    case Passed():
+                    case messages.Passed():
                         return event
                     case _:
-                        raise RunnerLostError(f"the runner said {event.event!r}, which makes no sense in a check")
+                        raise self._senseless(event)
         raise AssertionError("a runner's last word is passed or refused")
 
-    async def _make_agent(self, event: Described) -> None:
+    async def _make_agent(self, event: messages.Described) -> None:
         await self._tell(f"The model was loaded: {event.description}. Its track is {event.track}.")
         agent = await self._context.submissions.make_agent(
             self.row.id, event.track, description=event.about, trained_on_faults=event.trained_on_faults
@@ -258,8 +258,7 @@ class Drive(Job):
                 await self._once(evaluation, before)
             except RunnerLostError as lost:
                 after = await self._context.store.finished_count(evaluation)
-                attempts = (0 if after > before else attempts) + (not isinstance(lost, NoRoomError))
-                await self._lost(lost, attempts)
+                attempts = await self._lost(lost, 0 if after > before else attempts)
 
     async def _begin(self) -> None:
         """Begin the evaluation by the rules for every agent."""
@@ -297,13 +296,11 @@ class Drive(Job):
     async def _once(self, evaluation: str, told: int) -> None:
         """Let one runner drive until its last word. Raises RefusedError, RunnerLostError.
 
-        Args:
-            evaluation: Id of the evaluation.
-            told: Episodes that are over already.
+        ``told`` episodes are over already, as the log says.
         """
         # A reset of the runner before may have opened an episode late.
         await self._runner_gone()
-        job = DriveJob(
+        job = messages.DriveJob(
             model=self._model(),
             sha256=self.row.sha256,
             sandbox=self._address,
@@ -312,23 +309,20 @@ class Drive(Job):
             evaluation=evaluation,
             suite=self.row.suite,
         )
-        try:
-            async with runner(job, self.row.id, self._context.command, self.halt) as process:
-                async for event in process.events():
-                    match event:
-                        case Progressed():
-                            last = event.finished >= event.episodes
-                            if last or (event.finished - told) * _PARTS >= event.episodes:
-                                await self._tell(f"{event.finished} of {event.episodes} episodes are over.")
-                                told = event.finished
-                        case Refused():
-                            raise RefusedError(event.reason)
-                        case Driven():
-                            break
-                        case _:
-                            raise RunnerLostError(f"the runner said {event.event!r}, which makes no sense in a drive")
-        finally:
-            await self._runner_gone(_PATIENCE_S)
+        async with self._runner(job) as process:
+            async for event in process.events():
+                match event:
+                    case messages.Progressed():
+                        last = event.finished >= event.episodes
+                        if last or (event.finished - told) * _PARTS >= event.episodes:
+                            await self._tell(f"{event.finished} of {event.episodes} episodes are over.")
+                            told = event.finished
+                    case messages.Refused():
+                        raise RefusedError(event.reason)
+                    case messages.Driven():
+                        break
+                    case _:
+                        raise self._senseless(event)
         await self._settle(evaluation)
 
     async def _settle(self, evaluation_id: str) -> None:

@@ -5,6 +5,7 @@ import contextlib
 import time
 from collections.abc import Callable, Iterable
 from typing import Final
+from weakref import WeakValueDictionary
 
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
@@ -41,10 +42,6 @@ class OverError(Exception):
     """The submission is over: it was cancelled while it was checked or driven."""
 
 
-def _nobody() -> None:
-    """Tell nobody."""
-
-
 class Submissions:
     """Submissions with their models, agents and tokens.
 
@@ -65,12 +62,13 @@ class Submissions:
     ) -> None:
         self.rows = rows
         self.files = files
-        self.changed: Callable[[], None] = _nobody
+        self.changed: Callable[[], None] = lambda: None
         self._episodes = episodes
         self._closings = closings
         self._settings = settings
         self._telemetry = telemetry
-        self._ending: dict[str, set[asyncio.Event]] = {}
+        # Each exists while somebody holds it or waits for it.
+        self._ending: WeakValueDictionary[str, asyncio.Lock] = WeakValueDictionary()
         self._log = structlog.get_logger("submissions")
 
     async def add(self, row: SubmissionRow, reply: IdempotencyRow | None) -> None:
@@ -156,21 +154,24 @@ class Submissions:
         of a submission without an evaluation is deleted too: its row and log stay. Safe to call again. If it fails
         half-way, :meth:`tidy` and :meth:`purge` go on with it. Returns False if it was over before.
         """
-        ended = asyncio.Event()
-        self._ending.setdefault(submission_id, set()).add(ended)
-        try:
-            return await self._end(submission_id, state, reason)
-        finally:
-            ended.set()
-            others = self._ending[submission_id]
-            others.discard(ended)
-            if not others:
-                del self._ending[submission_id]
+        async with self._ending.setdefault(submission_id, asyncio.Lock()):
+            changed = await self.rows.set_state(submission_id, state, reason=reason)
+            if changed:
+                words = f"{state.capitalize()}." if reason is None else f"{state.capitalize()}: {reason}"
+                await self.rows.append_log(submission_id, words)
+                self._note_end(submission_id, state, reason)
+            row = await self.rows.get(submission_id)
+            if row is not None:
+                await self._clean_up(row)
+            return changed
 
     def cancelled(self, submission_id: str) -> None:
         """Tell the dispatcher that the operator has cancelled a submission in the database."""
-        self._log.info("submission over", submission=submission_id, state=SubmissionState.CANCELLED.value)
-        self._telemetry.submission_over(SubmissionState.CANCELLED)
+        self._note_end(submission_id, SubmissionState.CANCELLED, None)
+
+    def _note_end(self, submission_id: str, state: SubmissionState, reason: str | None) -> None:
+        self._log.info("submission over", submission=submission_id, state=state.value, reason=reason)
+        self._telemetry.submission_over(state)
         self.changed()
 
     async def settled(self, submission_ids: Iterable[str]) -> None:
@@ -178,25 +179,12 @@ class Submissions:
 
         Otherwise somebody who reads that one has failed would find its evaluation open, or its agent's name taken.
         """
+        ending = [lock for submission_id in submission_ids if (lock := self._ending.get(submission_id)) is not None]
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(_PATIENCE_S):
-                for submission_id in submission_ids:
-                    for ended in list(self._ending.get(submission_id, ())):
-                        await ended.wait()
-
-    async def _end(self, submission_id: str, state: SubmissionState, reason: str | None) -> bool:
-        changed = await self.rows.set_state(submission_id, state, reason=reason)
-        if changed:
-            await self.rows.append_log(
-                submission_id, f"{state.capitalize()}." if reason is None else f"{state.capitalize()}: {reason}"
-            )
-            self._log.info("submission over", submission=submission_id, state=state.value, reason=reason)
-            self._telemetry.submission_over(state)
-            self.changed()
-        row = await self.rows.get(submission_id)
-        if row is not None:
-            await self._clean_up(row)
-        return changed
+                for lock in ending:
+                    async with lock:
+                        pass
 
     async def _clean_up(self, row: SubmissionRow) -> None:
         if row.evaluation_id is not None:

@@ -6,14 +6,12 @@ The event loop only passes pieces on. A few threads parse, hash and write, so th
 import asyncio
 import contextlib
 import errno
-import hashlib
-import os
 from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import Final, ParamSpec, TypeVar
+from typing import Final, TypeVar
 
 import structlog
 
@@ -22,10 +20,9 @@ from wrongturn_service.counting import one_less
 from wrongturn_service.episodes.refusals import stopping
 from wrongturn_service.errors import ServiceError, UnavailableError
 from wrongturn_service.socket.guards import PROGRESS
-from wrongturn_service.submissions.files import ModelFiles
+from wrongturn_service.submissions.files import ArrivingModel, ModelFiles
 from wrongturn_service.submissions.form import AROUND, Form, boundary_of, too_large
 
-_P = ParamSpec("_P")
 _T = TypeVar("_T")
 _PART: Final = 1024 * 1024
 """Bytes that a thread takes at a time."""
@@ -123,25 +120,23 @@ class Uploads:
                 (422), or the disk is full (507).
             UnavailableError: The disk failed.
         """
-        writer = _Writer(self._files, submission_id, boundary, self._limit)
+        model = ArrivingModel(self._files, submission_id)
         try:
-            await self._work(writer.begin)
+            await self._work(model.begin)
+            form = Form(boundary, self._limit, model.write)
             async for part in _parts(body, self._patience_s):
-                await self._work(writer.write, part)
-            fields = await self._work(writer.form.end)
-            yield Upload(fields, writer.hash.hexdigest(), writer.form.size, partial(self._work, writer.keep))
+                await self._work(form.feed, part)
+            fields = await self._work(form.end)
+            yield Upload(fields, model.hash.hexdigest(), form.size, partial(self._work, model.keep))
         finally:
-            if self._closed:
-                writer.close()
-            else:
-                await self._work(writer.close)
+            await asyncio.to_thread(model.close)
 
-    async def _work(self, call: Callable[_P, _T], *arguments: _P.args, **named: _P.kwargs) -> _T:
+    async def _work(self, call: Callable[..., _T], *arguments: object) -> _T:
         """Run a call in a thread. A failure of the disk becomes a ServiceError."""
         if self._closed:
             raise stopping()
         loop = asyncio.get_running_loop()
-        under_way = loop.run_in_executor(self._threads, partial(call, *arguments, **named))
+        under_way = loop.run_in_executor(self._threads, partial(call, *arguments))
         try:
             return await asyncio.shield(under_way)
         except asyncio.CancelledError:
@@ -150,44 +145,6 @@ class Uploads:
             raise
         except OSError as error:
             raise _failed(error) from error
-
-
-class _Writer:
-    """Writes and hashes one model. Its methods run in threads, one at a time."""
-
-    def __init__(self, files: ModelFiles, submission_id: str, boundary: bytes, limit: int) -> None:
-        self.form = Form(boundary, limit, self._take)
-        self._files = files
-        self._id = submission_id
-        self.hash = hashlib.sha256()
-        self._handle: int | None = None
-
-    def begin(self) -> None:
-        self._handle = self._files.begin(self._id)
-
-    def write(self, part: bytes) -> None:
-        # Uploads at the same time may fill the disk that was free when each began.
-        self._files.check_room(len(part))
-        self.form.feed(part)
-
-    def _take(self, data: bytes) -> None:
-        assert self._handle is not None
-        self.hash.update(data)
-        left = memoryview(data)
-        while left:
-            left = left[os.write(self._handle, left) :]
-
-    def keep(self) -> None:
-        assert self._handle is not None
-        self._files.keep(self._id, self._handle)
-
-    def close(self) -> None:
-        """Close the file, and delete it unless it was kept."""
-        if self._handle is not None:
-            with contextlib.suppress(OSError):
-                os.close(self._handle)
-            self._handle = None
-        self._files.delete_part(self._id)
 
 
 async def _parts(body: AsyncIterator[bytes], patience_s: float) -> AsyncIterator[bytes]:
