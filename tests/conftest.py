@@ -40,7 +40,7 @@ TOGETHER = {
     "tests/environments": "clients",
     "tests/exploits": "exploits",
     "tests/idioms": "clients",
-    "tests/runner": "runner",
+    "tests/runner": "clients",
 }
 """Folders whose files share a service that takes long to start or to fill: one worker runs all of a group."""
 
