@@ -35,7 +35,6 @@ from wrongturn_protocol.episodes import twin_id
 from wrongturn_protocol.observations import observation_space
 from wrongturn_sim import VEHICLE, Episode, JudgeGeometry, Replay, Trajectory
 from wrongturn_sim import Row as Record
-from wrongturn_sim.view.film import write_film
 from wrongturn_sim.view.window import box
 
 FILMS: Final = Path("docs/pictures/failures")
@@ -310,6 +309,8 @@ def _oddness(trial: str, drives: Sequence[Mapping[str, Any]]) -> float:
 def _film(driven: DrivenEpisode, file: Path, first: int = 0) -> dict[str, str]:
     replay = Replay(driven.trajectory, driven.outcome)
     first = max(first, len(replay) - round(10 * _LONGEST_S))
+    from wrongturn_sim.view.film import write_film  # PyAV takes a quarter of a second
+
     write_film(file, replay.frames(View.BOTH, _SIZE, first=first, every=_EVERY), rate=_RATE, small=True)
     return {"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest(), "trial": driven.trial.id}
 

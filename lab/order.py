@@ -13,7 +13,6 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats as scipy_stats
 
 from lab.tables import PAPER_BY_NAME, counts_by_seed, spread
 from wrongturn_agents.stored_results import ALGORITHMS, Collection
@@ -50,6 +49,8 @@ def order_test(counts: tuple[tuple[int, ...], ...]) -> OrderTest:
     Args:
         counts: Counts of at least two algorithms, with at least two seeds each.
     """
+    from scipy import stats as scipy_stats  # takes a second
+
     ways = math.factorial(sum(map(len, counts))) // math.prod(math.factorial(len(one)) for one in counts)
     exact = ways <= _EXACT
     found = scipy_stats.permutation_test(

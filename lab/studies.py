@@ -22,8 +22,6 @@ from pathlib import Path
 from statistics import fmean, variance
 from typing import Any, Final
 
-from scipy import stats as scipy_stats
-
 from lab.curves import LAB
 from lab.tables import Row, Table, count_unsafe, label, label_first
 from wrongturn_agents.agent_code import checksums
@@ -211,13 +209,15 @@ def thresholds_table() -> Table:
 
 def _figures(agents: Mapping[str, Any], threshold: str, factor: str) -> Row:
     """Return the agents whose strict count moves, how much flips over all agents, and the order that is left."""
+    from scipy.stats import kendalltau  # scipy.stats takes a second
+
     found = {name: agents[name]["variants"][threshold][factor] for name in sorted(agents, key=table_order)}
     before = [agents[name]["strict"] for name in found]
     after = [one["strict"] for one in found.values()]
     moved = [f"`{name}` {old} → {new}" for name, old, new in zip(found, before, after, strict=True) if old != new]
     sums = (str(sum(one[what] for one in found.values())) for what in ("verdicts", "reactions", "unsafe"))
     ordered = len(set(before)) > 1 < len(set(after))  # agents that are all alike have no order
-    tau = f"{float(scipy_stats.kendalltau(before, after).statistic):.2f}" if ordered else _NOTHING
+    tau = f"{float(kendalltau(before, after).statistic):.2f}" if ordered else _NOTHING
     return (", ".join(moved), *sums, tau)
 
 
@@ -235,6 +235,8 @@ def draws_table() -> Table:
 
 
 def _spread_of_draws(by_secret: Mapping[str, Any]) -> Row:
+    from scipy.stats import chi2 as chi_squared
+
     draws = list(by_secret.values())
     groups = [[one[kind][fault] for one in draws] for kind, faults in draws[0].items() for fault in faults]
     counts = [sum(column) for column in zip(*groups, strict=True)]
@@ -242,7 +244,7 @@ def _spread_of_draws(by_secret: Mapping[str, Any]) -> Row:
     binomial, found = sum(_CELLS * rate * (1 - rate) for rate in rates), variance(counts)
     test = (_NOTHING, _NOTHING)
     if binomial > 0:
-        chi2 = scipy_stats.chi2(len(counts) - 1)
+        chi2 = chi_squared(len(counts) - 1)
         statistic = (len(counts) - 1) * found / binomial
         p = min(1.0, 2 * float(min(chi2.cdf(statistic), chi2.sf(statistic))))
         test = (f"{found / binomial:.2f}", f"{p:.2g}")

@@ -3,7 +3,6 @@
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from wrongturn_agents.models.affordances import FARTHEST, Affordances
 from wrongturn_agents.training.methods.places import points_of
@@ -17,6 +16,8 @@ class RoadTruth:
     """Tells the affordances of any place in a town."""
 
     def __init__(self, town: Town) -> None:
+        from scipy.spatial import cKDTree  # noqa: PLC0415 - takes half a second
+
         points = points_of(town)
         self._poses, self._distance = points.poses, points.distance
         self._tree = cKDTree(_placed(self._poses))
