@@ -1,5 +1,3 @@
-from .bends import Bend as Bend
-from .bends import bends_of as bends_of
 from .cruises import draw_cruise as draw_cruise
 from .draws import Draw as Draw
 from .draws import commitment_of as commitment_of
@@ -22,7 +20,9 @@ from .journeys import draw_journey as draw_journey
 from .junctions import Approach as Approach
 from .junctions import Exit as Exit
 from .junctions import Junction as Junction
+from .lanes import Bend as Bend
 from .lanes import Lane as Lane
+from .lanes import bends_of as bends_of
 from .loading import load_town as load_town
 from .loading import read_town as read_town
 from .loading import town_names as town_names

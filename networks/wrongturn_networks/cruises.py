@@ -13,8 +13,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from wrongturn_networks.bends import bends_of
 from wrongturn_networks.errors import CruiseError
+from wrongturn_networks.lanes import bends_of
 from wrongturn_networks.starts import LANE_RESERVE, WINDOW
 from wrongturn_networks.town import Town
 from wrongturn_networks.ways import path_length

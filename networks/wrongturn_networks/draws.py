@@ -7,7 +7,6 @@ same trials on every machine. ``docs/decisions/0005-drawn-trials.md`` says why t
 import functools
 import hashlib
 import hmac
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,8 +15,9 @@ from typing import Final, TypeVar
 
 from wrongturn_networks.errors import ApproachTooShortError, SecretError, UnknownTownError, UnknownTrialError
 from wrongturn_networks.loading import load_town, town_names
-from wrongturn_networks.starts import ENGAGED, LANE_RESERVE, SHORTEST, WINDOW
-from wrongturn_protocol import Cell, Command, Fault, FaultKind, JunctionType, Start, Trial, trial_id, twin_id
+from wrongturn_networks.starts import LANE_RESERVE, SHORTEST, WINDOW, slow_start
+from wrongturn_networks.town import Town
+from wrongturn_protocol import Cell, Command, Fault, FaultKind, JunctionType, Trial, trial_id, twin_id
 
 NEAREST, FARTHEST = 22.0, 60.0
 """A start lies this far before the stop line where the lane is long enough, metres."""
@@ -100,16 +100,17 @@ def draw_cells(suite_id: str, cells: Sequence[Cell], secret: str) -> Draw:
     groups: dict[Cell, list[int]] = {}
     for index, cell in enumerate(cells):
         groups.setdefault(cell, []).append(index)
-    trials: dict[int, Trial] = {}
-    twins: dict[int, Trial] = {}
+    trials: list[Trial] = []
+    twins: list[Trial] = []
+    places = {cell: iter(_places(cell, group[0], len(group), numbers)) for cell, group in groups.items()}
     slots = 2 * len(cells)
-    for cell, indices in groups.items():
-        for index, place in zip(indices, _places(cell, indices[0], len(indices), numbers), strict=True):
-            trials[index] = _trial(cell, f"{index} trial", place, numbers, 2 * index, slots)
-            twin = _trial(cell, f"{index} twin", place, numbers, 2 * index + 1, slots)
-            twins[index] = twin.model_copy(update={"id": twin_id(trials[index]), "fault": Fault(kind=FaultKind.NONE)})
-    # Equal cells need not stand together; the draw has the order of the cells.
-    return Draw(suite_id, tuple(trials[k] for k in sorted(trials)), tuple(twins[k] for k in sorted(twins)), secret)
+    for index, cell in enumerate(cells):
+        place = next(places[cell])
+        trial = _trial(cell, f"{index} trial", place, numbers, 2 * index, slots)
+        twin = _trial(cell, f"{index} twin", place, numbers, 2 * index + 1, slots)
+        trials.append(trial)
+        twins.append(twin.model_copy(update={"id": twin_id(trial), "fault": Fault(kind=FaultKind.NONE)}))
+    return Draw(suite_id, tuple(trials), tuple(twins), secret)
 
 
 def possible_trials(cell: Cell) -> tuple[Trial, ...]:
@@ -141,10 +142,11 @@ def _places(cell: Cell, first: int, count: int, numbers: "_Numbers") -> list[tup
 
 
 def _approaches(cell: Cell, field: str) -> tuple[str, ...]:
+    """Return the approaches of a cell's type whose lanes have room for a start."""
     known = town_names()
     if cell.town not in known:
         raise UnknownTownError(cell.town, known, f"{field}.town")
-    approaches = _roomy(cell.town, cell.junction_type)
+    approaches = _roomy(load_town(cell.town), cell.junction_type)
     if not approaches:
         raise ApproachTooShortError(
             f"{field}: no approach of type {cell.junction_type} in {cell.town} has {SHORTEST + LANE_RESERVE:.0f} m of "
@@ -154,16 +156,13 @@ def _approaches(cell: Cell, field: str) -> tuple[str, ...]:
 
 
 @functools.lru_cache(maxsize=256)
-def _roomy(town_name: str, kind: JunctionType) -> tuple[str, ...]:
-    """Return the approaches of a type whose lanes have room for a start."""
-    town = load_town(town_name)
-    return tuple(
-        sorted(
-            approach.id
-            for approach in town.approaches.values()
-            if approach.type is kind and town.lanes[approach.lane].length - LANE_RESERVE >= SHORTEST
-        )
+def _roomy(town: Town, kind: JunctionType) -> tuple[str, ...]:
+    roomy = (
+        approach.id
+        for approach in town.approaches.values()
+        if approach.type is kind and town.lanes[approach.lane].length - LANE_RESERVE >= SHORTEST
     )
+    return tuple(sorted(roomy))
 
 
 def _trial(cell: Cell, label: str, place: tuple[str, Command], numbers: "_Numbers", slot: int, slots: int) -> Trial:
@@ -171,8 +170,6 @@ def _trial(cell: Cell, label: str, place: tuple[str, Command], numbers: "_Number
     approach, route = place
     town = load_town(cell.town)
     room = town.lanes[town.approach(approach).lane].length - LANE_RESERVE
-    distance = numbers.between(f"{label} distance", min(NEAREST, room), min(FARTHEST, room))
-    speed = numbers.between(f"{label} speed", *SPEEDS)
     seed = numbers.whole(f"{label} seed", SEEDS // slots) * slots + slot
     return Trial(
         id=trial_id(cell.town, approach, cell.fault.kind, seed),
@@ -180,12 +177,11 @@ def _trial(cell: Cell, label: str, place: tuple[str, Command], numbers: "_Number
         approach=approach,
         junction_type=cell.junction_type,
         route=route,
-        start=Start(
-            distance=round(distance, 3),
-            # At 8 m/s² a car stops within v²/16 metres: before it is engaged, with a metre to spare.
-            speed=round(min(speed, math.sqrt(16 * (distance - ENGAGED - 1))), 3),
-            lateral=round(numbers.between(f"{label} lateral", -LATERAL, LATERAL), 3),
-            yaw=round(math.radians(numbers.between(f"{label} yaw", -YAW, YAW)), 5),
+        start=slow_start(
+            numbers.between(f"{label} distance", min(NEAREST, room), min(FARTHEST, room)),
+            numbers.between(f"{label} speed", *SPEEDS),
+            numbers.between(f"{label} lateral", -LATERAL, LATERAL),
+            numbers.between(f"{label} yaw", -YAW, YAW),
         ),
         weather=cell.weather,
         traffic=cell.traffic,

@@ -10,9 +10,9 @@ import random
 from functools import lru_cache
 from typing import Final, NamedTuple
 
-from wrongturn_networks.bends import bends_of
-from wrongturn_networks.errors import ApproachTooShortError, NoJourneyError
-from wrongturn_networks.starts import LANE_RESERVE, SHORTEST
+from wrongturn_networks.errors import NoJourneyError
+from wrongturn_networks.lanes import bends_of
+from wrongturn_networks.starts import LANE_RESERVE, SHORTEST, check_room
 from wrongturn_networks.town import Town
 from wrongturn_networks.ways import ways_to
 from wrongturn_protocol import CORL_TASKS, Command, Fault, FaultKind, Journey, Start, Task, Traffic, Trial, Weather
@@ -45,11 +45,11 @@ class _Pair(NamedTuple):
     route: Command
     metres: float
     earliest: float
-    """First and last place of a start, metres along its lane."""
     latest: float
+    """First and last place of a start, metres along its lane."""
     nearest: float
-    """First and last place of a goal, metres along its lane."""
     farthest: float
+    """First and last place of a goal, metres along its lane."""
 
     @property
     def least(self) -> float:
@@ -75,13 +75,7 @@ def draw_journey(
 
     With the same seed, navigation has the same route with and without other road users.
 
-    Args:
-        town: town to drive in.
-        task: one of the four tasks with a goal.
-        seed: seed of the trial.
-        weather: weather of the trial.
-        traffic: other road users; the task itself adds none.
-        approach: the first approach; None draws it.
+    The task itself adds no other road users. ``approach`` is the first one; None draws it.
 
     Raises:
         NoJourneyError: the task has no goal, or the town has no such journey.
@@ -93,12 +87,7 @@ def draw_journey(
     alike = Task.NAVIGATION if task is Task.NAVIGATION_DYNAMIC else task
     pairs = _pairs(town, alike)
     if approach is not None:
-        length = town.lanes[town.approach(approach).lane].length
-        if length < LANE_RESERVE + SHORTEST:
-            raise ApproachTooShortError(
-                f"approach: its lane is {length:.1f} m long and a start needs {SHORTEST + LANE_RESERVE:.0f} m; "
-                "choose another approach"
-            )
+        check_room(town.lanes[town.approach(approach).lane].length)
         pairs = tuple(pair for pair in pairs if pair.approach == approach)
     if not pairs:
         raise NoJourneyError(

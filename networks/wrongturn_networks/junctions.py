@@ -64,11 +64,7 @@ class Junction:
 
 
 def direction_of(turn: float) -> Command:
-    """Return the command that names a turn.
-
-    Args:
-        turn: heading of the exit's lane minus that of the approach's lane, radians, positive to the left.
-    """
+    """Return the command that names a turn: the exit's heading minus the approach's, radians, positive to the left."""
     turn = math.remainder(turn, math.tau)
     if abs(turn) <= STRAIGHT_WITHIN:
         return Command.STRAIGHT

@@ -92,7 +92,7 @@ def _check(file: str, found: str, wanted: str) -> None:
     if found != wanted:
         raise CorruptFileError(
             f"town: {file} does not match its manifest; install its package again, "
-            "or build the town again: python -m wrongturn_networks.making towns"
+            "or build the town again: python -m wrongturn_networks.making"
         )
 
 

@@ -33,7 +33,6 @@ class NetJunction:
     """A node of a net file."""
 
     id: str
-    type: str
     position: tuple[float, float]
     shape: Line
     """Outline, (n, 2), metres."""
@@ -60,14 +59,10 @@ class Net:
     connections: tuple[NetConnection, ...]
 
 
-def canonical_bytes(path: Path) -> bytes:
-    """Return a net file as canonical XML, without the header comment, which has the time and paths of its making."""
-    return ET.canonicalize(path.read_text("utf-8"), with_comments=False, strip_text=True).encode()
-
-
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of :func:`canonical_bytes`."""
-    return hashlib.sha256(canonical_bytes(path)).hexdigest()
+    """Return the SHA-256 of a net as canonical XML, without comments: they hold the time and paths of its making."""
+    canonical = ET.canonicalize(path.read_text("utf-8"), with_comments=False, strip_text=True)
+    return hashlib.sha256(canonical.encode()).hexdigest()
 
 
 def shape_of(text: str) -> Line:
@@ -110,7 +105,6 @@ def read_net(path: Path) -> Net:
     junctions = {
         node.attrib["id"]: NetJunction(
             id=node.attrib["id"],
-            type=node.attrib["type"],
             position=(float(node.attrib["x"]), float(node.attrib["y"])),
             shape=shape_of(node.get("shape", "")) if node.get("shape") else np.empty((0, 2)),
         )

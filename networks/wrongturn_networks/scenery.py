@@ -48,11 +48,7 @@ class SceneryObject:
 
 
 def read_scenery(path: Path) -> tuple[SceneryObject, ...]:
-    """Read a town's ``scenery.toml``; a town without the file has no scenery.
-
-    Raises:
-        CorruptFileError: the file is not a ``scenery.toml``; the message names it and the remedy.
-    """
+    """Read a town's ``scenery.toml``; a town without the file has no scenery. Raises CorruptFileError."""
     if not path.exists():
         return ()
     try:

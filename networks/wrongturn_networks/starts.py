@@ -5,7 +5,6 @@ import random
 from typing import Final
 
 from wrongturn_networks.errors import ApproachTooShortError, RouteNotAvailableError
-from wrongturn_networks.junctions import Approach
 from wrongturn_networks.town import Town
 from wrongturn_protocol import Command, Fault, FaultKind, Start, Traffic, Trial, Weather, trial_id
 
@@ -20,36 +19,33 @@ WINDOW: Final = (10.0, 20.0)
 
 
 def draw_start(lane_length: float, seed: int) -> Start:
-    """Draw a start: near enough to see the junction, and slow enough to stop before the car is engaged.
-
-    Args:
-        lane_length: length of the approach's lane, metres.
-        seed: seed of the trial.
+    """Draw a trial's start on an approach's lane (metres) from the trial's seed.
 
     Raises:
         ApproachTooShortError: the lane has no room for a start.
     """
+    check_room(lane_length)
     draw = random.Random(seed)
     distance = min(draw.uniform(22, 30), lane_length - LANE_RESERVE)
-    speed, lateral, yaw = draw.uniform(4, 9), draw.uniform(-0.4, 0.4), draw.uniform(-6, 6)
-    if distance < SHORTEST:
+    return slow_start(distance, draw.uniform(4, 9), draw.uniform(-0.4, 0.4), draw.uniform(-6, 6))
+
+
+def check_room(lane_length: float) -> None:
+    """Check that a trial can start on an approach's lane. Raises ApproachTooShortError."""
+    if lane_length < SHORTEST + LANE_RESERVE:
         raise ApproachTooShortError(
             f"approach: its lane is {lane_length:.1f} m long and a start needs {SHORTEST + LANE_RESERVE:.0f} m; "
             "choose another approach"
         )
+
+
+def slow_start(distance: float, speed: float, lateral: float, yaw: float) -> Start:
+    """Return a start, slower if the car could not stop before it is engaged. Metres, m/s and degrees, unrounded."""
+    # At 8 m/s² a car stops within v²/16 metres: before it is engaged, with a metre to spare.
+    speed = min(speed, math.sqrt(16 * (distance - ENGAGED - 1)))
     return Start(
-        distance=round(distance, 3),
-        # At 8 m/s² a car stops within v²/16 metres: before it is 15 m from the stop line, with a metre to spare.
-        speed=round(min(speed, math.sqrt(16 * (distance - ENGAGED - 1))), 3),
-        lateral=round(lateral, 3),
-        yaw=round(math.radians(yaw), 5),
+        distance=round(distance, 3), speed=round(speed, 3), lateral=round(lateral, 3), yaw=round(math.radians(yaw), 5)
     )
-
-
-def draw_route(approach: Approach, seed: int) -> Command:
-    """Draw one of the approach's exits."""
-    # A generator of its own, so that choosing a route does not change the start.
-    return random.Random(f"route {seed}").choice(list(approach.exits))
 
 
 def draw_trial(
@@ -81,7 +77,8 @@ def draw_trial(
         town=town.name,
         approach=approach_id,
         junction_type=approach.type,
-        route=route if route is not None else draw_route(approach, seed),
+        # A generator of its own, so that choosing a route does not change the start.
+        route=random.Random(f"route {seed}").choice(list(approach.exits)) if route is None else route,
         start=draw_start(town.lanes[approach.lane].length, seed),
         weather=weather,
         traffic=traffic,

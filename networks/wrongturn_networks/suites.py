@@ -9,8 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from pydantic import ValidationError
-
 from wrongturn_networks.draws import Draw, draw_cells
 from wrongturn_networks.errors import CorruptFileError, UnknownSuiteError
 from wrongturn_networks.loading import load_town
@@ -39,10 +37,7 @@ class Suite:
     """Cells, if each evaluation draws its own trials."""
 
     def draw(self, secret: str) -> Draw:
-        """Return the trials that a secret makes of the cells; the listed ones for a suite without cells.
-
-        Args:
-            secret: any text. An evaluation's is 64 hexadecimal digits.
+        """Return the trials that a secret (any text) makes of the cells; the listed ones for a suite without cells.
 
         Raises:
             SecretError: the secret is empty, or is not text in UTF-8.
@@ -153,15 +148,9 @@ def read_suite(path: Path) -> Suite:
             listed=tuple(Trial.model_validate(trial) for trial in content.get("trials", ())),
             cells=tuple(Cell.model_validate(cell) for cell in content.get("cells", ())),
         )
-    except (
-        OSError,
-        json.JSONDecodeError,
-        UnicodeDecodeError,
-        KeyError,
-        AttributeError,
-        TypeError,
-        ValidationError,
-    ) as error:
+    except CorruptFileError:
+        raise
+    except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
         raise CorruptFileError(f"suite {path.stem}: {error}; install its package again") from error
 
 

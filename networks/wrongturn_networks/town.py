@@ -69,11 +69,7 @@ class Town:
         )
 
     def detail(self, faults: Mapping[str, tuple[FaultKind, ...]]) -> TownDetail:
-        """Return the town as the service describes it: enough to draw it.
-
-        Args:
-            faults: by approach, the kinds that can be applied there; none at approaches that are not named.
-        """
+        """Return the town as the service describes it: enough to draw it. ``faults`` are those of each approach."""
         return TownDetail(
             name=self.name,
             sha256=self.sha256,

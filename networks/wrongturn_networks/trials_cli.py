@@ -72,12 +72,7 @@ def _drawn(suite: Suite, secret: str | None) -> Draw:
 
 
 def _check(secret: str | None, commitment: str) -> None:
-    """Check a secret against what was told of it.
-
-    Raises:
-        SecretError: there is no secret.
-        CommitmentError: the secret's SHA-256 is another.
-    """
+    """Check a secret against what was told of it. Raises SecretError without one, and CommitmentError."""
     if secret is None:
         raise SecretError("secret: missing; --commitment checks a secret, so give --secret too")
     found = commitment_of(secret)

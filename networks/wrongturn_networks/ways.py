@@ -30,10 +30,6 @@ def ways_to(town: Town, lane_id: str) -> Mapping[str, Way]:
     From the lane itself it is the shortest way round to its start, which a car needs that went past its goal. Cars turn
     round only by driving along streets. Lanes from which no way leads there are left out.
 
-    Args:
-        town: the town.
-        lane_id: the lane to reach.
-
     Raises:
         UnknownLaneError: the town has no such lane.
     """

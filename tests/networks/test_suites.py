@@ -23,7 +23,6 @@ from wrongturn_networks import (
     suite_ids,
 )
 from wrongturn_networks.catalogue import list_suites
-from wrongturn_networks.making.writing_suites import SUITE_RECIPES, suite_text
 from wrongturn_networks.suites import SUITES, canonical, check_suite
 from wrongturn_protocol import PAPER_TYPES, Fault, FaultKind, JunctionType, Track, Traffic, Weather
 
@@ -60,11 +59,6 @@ def test_suites_have_not_changed() -> None:
 def test_the_suites_town_has_not_changed() -> None:
     towns = {trial.town for name in suite_ids() for trial in load_suite(name).trials}
     assert {town: load_town(town).sha256 for town in towns} == TOWN_PINNED
-
-
-def test_a_suite_is_what_its_recipe_gives(suite: Suite) -> None:
-    title, content = SUITE_RECIPES[suite.id]
-    assert (SUITES / f"{suite.id}.json").read_text("utf-8") == suite_text(suite.id, title, content())
 
 
 def test_the_papers_sixty_cells() -> None:

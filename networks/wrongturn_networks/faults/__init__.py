@@ -13,23 +13,13 @@ import pkgutil
 from importlib import metadata
 from typing import Final
 
-from wrongturn_networks.errors import FaultNotApplicableError, NetworkError
-from wrongturn_networks.faults.fault import CommandFault, Guidance
+from wrongturn_networks.errors import FaultNotApplicableError as FaultNotApplicableError
+from wrongturn_networks.errors import NetworkError
+from wrongturn_networks.faults.fault import CommandFault as CommandFault
+from wrongturn_networks.faults.fault import Guidance as Guidance
 from wrongturn_networks.starts import draw_trial
 from wrongturn_networks.town import Town
 from wrongturn_protocol import FaultKind, Trial
-
-__all__ = [
-    "CommandFault",
-    "FaultNotApplicableError",
-    "Guidance",
-    "available_faults",
-    "check_fault",
-    "fault_class",
-    "faults_at",
-    "find_fault",
-    "make_fault",
-]
 
 GROUP: Final = "wrongturn.faults"
 """Entry-point group of faults from other packages: each names a subclass of :class:`CommandFault`."""
@@ -53,11 +43,7 @@ def available_faults() -> tuple[FaultKind, ...]:
 
 
 def fault_class(kind: FaultKind) -> type[CommandFault]:
-    """Return the class of a fault.
-
-    Raises:
-        FaultNotApplicableError: the vocabulary names the kind, but it is not built yet.
-    """
+    """Return the class of a fault. Raises FaultNotApplicableError for a kind that is not built yet."""
     if kind not in _registry():
         built = ", ".join(available_faults())
         raise FaultNotApplicableError(f"fault.kind: {kind} is not built yet; take one of {built}")
@@ -70,11 +56,7 @@ def find_fault(kind: FaultKind) -> type[CommandFault] | None:
 
 
 def check_fault(trial: Trial) -> None:
-    """Check that a trial's fault can be applied to it.
-
-    Raises:
-        FaultNotApplicableError: it cannot, or its kind is not built yet; the message says which and why.
-    """
+    """Check that a trial's fault can be applied to it. Raises FaultNotApplicableError, which says why it cannot."""
     refusal = fault_class(trial.fault.kind).refusal(trial)
     if refusal is not None:
         raise FaultNotApplicableError(f"fault.kind: {trial.fault.kind} {refusal}")
@@ -87,11 +69,7 @@ def make_fault(trial: Trial) -> CommandFault:
 
 
 def faults_at(town: Town, approach: str) -> tuple[FaultKind, ...]:
-    """Return the kinds that can be applied at an approach; none where its lane is too short for any trial.
-
-    Raises:
-        UnknownApproachError: the town has no such approach.
-    """
+    """Return the kinds that can be applied at an approach; none where its lane is too short. Raises NetworkError."""
     town.approach(approach)
     found = []
     for kind in available_faults():

@@ -2,7 +2,10 @@
 
 import random
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Final
+
+import networkx as nx
 
 from wrongturn_networks.making.recipes import Point, Recipe, Street
 
@@ -45,26 +48,21 @@ def _drawn(draw: random.Random, name: str, seed: int) -> Recipe | None:
     """Return a town; None if the layout that was drawn makes none."""
     columns, rows = draw.choice(COLUMNS), draw.choice(ROWS)
     xs, ys = _lines(draw, columns), _lines(draw, rows)
-    grid: dict[_Node, set[_Node]] = {(i, j): set() for i in range(columns) for j in range(rows)}
-    pieces = [((i, j), (i + di, j + dj)) for i, j in grid for di, dj in ((1, 0), (0, 1)) if (i + di, j + dj) in grid]
+    places = [(i, j) for i in range(columns) for j in range(rows)]
+    pieces = [
+        ((i, j), (i + di, j + dj)) for i, j in places for di, dj in ((1, 0), (0, 1)) if (i + di, j + dj) in places
+    ]
     kept = draw.sample(pieces, round(len(pieces) * (1.0 - draw.uniform(*MISSING))))
-    for one, other in kept:
-        grid[one].add(other)
-        grid[other].add(one)
-    _prune(grid)
-    junctions = sorted(node for node, near in grid.items() if len(near) > 2)
+    grid = nx.k_core(nx.Graph(kept), 2)  # without dead ends
+    junctions = sorted(node for node, arms in grid.degree if arms > 2)
     names = {node: f"J{number}" for number, node in enumerate(junctions, 1)}
-    streets = []
-    for chain in _chains(grid, names):
-        corners = tuple(
-            (xs[node[0]], ys[node[1]])
-            for before, node, after in zip(chain, chain[1:], chain[2:], strict=False)
-            if (before[0] == node[0]) != (node[0] == after[0])
-        )
-        streets.append(Street(names[chain[0]], names[chain[-1]], corners))
+    streets = [
+        Street(names[chain[0]], names[chain[-1]], tuple((xs[i], ys[j]) for i, j in _corners(chain)))
+        for chain in _chains(grid, names)
+    ]
     ends = [frozenset((street.start, street.end)) for street in streets]
     # SUMO's edges are named after their ends, so two streets cannot join the same junctions, nor one lead back.
-    if len(names) < 4 or len(set(ends)) < len(ends) or min(map(len, ends)) < 2 or not _joined(grid):
+    if len(names) < 4 or len(set(ends)) < len(ends) or min(map(len, ends)) < 2 or not nx.is_connected(grid):
         return None
     nodes: dict[str, Point] = {label: (xs[i], ys[j]) for (i, j), label in names.items()}
     return Recipe(name, nodes, tuple(streets), seed, bend_radius=round(draw.uniform(*_BEND_RADII), 2))
@@ -78,34 +76,20 @@ def _lines(draw: random.Random, count: int) -> list[float]:
     return places
 
 
-def _prune(grid: dict[_Node, set[_Node]]) -> None:
-    """Remove dead ends until there are none."""
-    while ends := [node for node, near in grid.items() if len(near) == 1]:
-        for node in ends:
-            for other in grid[node]:
-                grid[other].discard(node)
-            grid[node].clear()
-
-
-def _joined(grid: dict[_Node, set[_Node]]) -> bool:
-    """Return whether every street can be reached from every other one."""
-    todo = [next(node for node, near in grid.items() if near)]
-    seen = set(todo)
-    while todo:
-        new = grid[todo.pop()] - seen
-        seen |= new
-        todo += new
-    return all(node in seen for node, near in grid.items() if near)
-
-
-def _chains(grid: dict[_Node, set[_Node]], names: dict[_Node, str]) -> Iterator[list[_Node]]:
+def _chains(grid: "nx.Graph[_Node]", names: dict[_Node, str]) -> Iterator[list[_Node]]:
     """Yield the nodes of each street, from one junction to the next."""
     for start in names:
         for step in sorted(grid[start]):
             chain = [start, step]
             while chain[-1] not in names:
-                (onward,) = grid[chain[-1]] - {chain[-2]}
+                (onward,) = grid[chain[-1]].keys() - {chain[-2]}
                 chain.append(onward)
             # Each street is found from both of its ends.
             if chain <= chain[::-1]:
                 yield chain
+
+
+def _corners(chain: list[_Node]) -> list[_Node]:
+    """Return the nodes at which a street turns."""
+    along = [(before[0] == after[0]) for before, after in pairwise(chain)]
+    return [node for node, (into, out) in zip(chain[1:], pairwise(along), strict=False) if into != out]

@@ -1,40 +1,18 @@
-"""Recipes of the shipped suites, and the writing of a suite's file."""
+"""The writing of a suite's file."""
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
 from wrongturn_networks.draws import possible_trials
 from wrongturn_networks.faults import check_fault
-from wrongturn_networks.making.navigation import navigation
 from wrongturn_networks.suites import canonical
-from wrongturn_protocol import PAPER_TYPES, Cell, Fault, FaultKind, Track, Trial
+from wrongturn_protocol import Cell, Track, Trial
 
 SCORED: Final = (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)
 Content = Sequence[Trial | Cell]
-
-
-def paper_cells(per_cell: int) -> list[Cell]:
-    """List the paper's cells, each ``per_cell`` times. An evaluation draws a trial from each."""
-    return [
-        Cell(town="Town01", junction_type=kind, fault=Fault(kind=fault))
-        for fault in (FaultKind.INFEASIBLE, FaultKind.OMISSION)
-        for kind in PAPER_TYPES
-        for _ in range(per_cell)
-    ]
-
-
-SUITE_RECIPES: Final[dict[str, tuple[str, Callable[[], Content]]]] = {
-    "navigation@1": ("CoRL 2017's navigation: 4 tasks x 4 conditions x 25 routes", lambda: navigation(3001)),
-    "smoke@2": ("Six trials for a first try, one for each of the paper's cells", lambda: paper_cells(1)),
-    "wrong-command@2": (
-        "The paper's benchmark with fresh trials: 3 junction types x 2 faults x 10 approaches",
-        lambda: paper_cells(10),
-    ),
-}
-"""Title of each shipped suite, and its trials or cells."""
 
 
 def write_suite(file: Path, title: str, content: Content, tracks: Sequence[Track] = SCORED) -> None:
