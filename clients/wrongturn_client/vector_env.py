@@ -16,10 +16,9 @@ from wrongturn_client.episode_calls import OneThread, granted
 from wrongturn_client.errors import ApiError, InvalidActionError, ServiceBusyError, ServiceFullError
 from wrongturn_client.practice import Practice, PracticeEpisode, step_reply
 from wrongturn_protocol import Track, TrialKeywords, TrialOptions
-from wrongturn_protocol.environments import TrialVectorEnv
+from wrongturn_protocol.environments import Flags, TrialVectorEnv
 from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.trial_options import check_keywords
-from wrongturn_protocol.vectors import Flags
 from wrongturn_protocol.wire import Call
 
 _BRIEFLY: Final = 5.0

@@ -11,18 +11,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from wrongturn_protocol.episodes import CONTROLS
 from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
 from wrongturn_protocol.screen import FRAMES_A_SECOND, RENDER_MODES, VECTOR_RENDER_MODES, Screen, check_render_mode
-from wrongturn_protocol.vectors import (
-    Flags,
-    autoreset_mode_of,
-    checked_actions,
-    mask_of,
-    seeds_of,
-    trials_of,
-    whole_number,
-)
+from wrongturn_protocol.trial_options import OptionError, check_options, one_of, whole_number
 from wrongturn_protocol.vocabulary import Track
+
+Flags = NDArray[np.bool_]
 
 
 class TrialEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
@@ -93,7 +88,7 @@ class TrialVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
         self.num_envs = count = whole_number("num_envs", num_envs)
         self.track = track
         self.render_mode = render_mode
-        self.autoreset_mode = autoreset_mode_of(autoreset_mode)
+        self.autoreset_mode = one_of("autoreset_mode", AutoresetMode, autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = observation_space(track, size)
         self.single_action_space = action_space()
@@ -106,11 +101,25 @@ class TrialVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
     def _asked(
         self, seed: int | Sequence[int | None] | None, options: dict[str, Any] | None, single: type | tuple[type, ...]
     ) -> dict[int, Any]:
-        """Return the environments to reset, each with its trial (of a ``single`` type) or None; seed generators."""
-        seeds = seeds_of(seed, self.num_envs)
-        trials = trials_of(options, self.num_envs, single)
-        chosen = mask_of(options, self.num_envs)
+        """Return the environments to reset, each with its trial (of a ``single`` type) or None; seed generators.
+
+        Of one seed, each next environment gets 1 more. Of one trial, all get it.
+        """
+        options, count = check_options(options, ("trial", "reset_mask")), self.num_envs
+        seeds = [None if seed is None else seed + i for i in range(count)] if not isinstance(seed, Sequence) else seed
+        trials = options.get("trial")
+        if trials is None or isinstance(trials, single):
+            trials = [trials] * count
+        elif not isinstance(trials, Sequence):
+            raise OptionError(f"options.trial: is {trials!r}; give one trial, or one for each environment")
+        for name, given in (("seed", seeds), ("options.trial", trials)):
+            if len(given) != count:
+                raise OptionError(f"{name}: has {len(given)} entries; give one for each of {count} environments")
+        mask = np.asarray(options.get("reset_mask", np.ones(count, np.bool_)))
+        if mask.shape != (count,) or mask.dtype != np.bool_ or not mask.any():
+            raise OptionError(f"options.reset_mask: give ({count},) of bool, one of them True at least")
         self._randoms = self._randoms or [seeding.np_random(one)[0] for one in seeds]
+        chosen: list[int] = np.flatnonzero(mask).tolist()
         for i in chosen:
             if seeds[i] is not None:
                 self._randoms[i], _ = seeding.np_random(seeds[i])
@@ -126,7 +135,28 @@ class TrialVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
             raise self._ENDED(
                 f"environments {np.flatnonzero(self._over).tolist()} ended; reset them with options reset_mask"
             )
-        return checked_actions(actions, driven, self._BAD_ACTION), driven
+        return self._checked(actions, driven), driven
+
+    def _checked(self, actions: Any, driven: Flags) -> NDArray[np.float64]:
+        """Return the actions as float64 (n, 3); rows that are not driven are not checked."""
+        count, error = self.num_envs, self._BAD_ACTION
+        wanted = f"actions: give ({count}, 3) numbers, steer, throttle and brake of each environment"
+        try:
+            kind = np.asarray(actions).dtype
+            # Converted from what was given: an Action is float32 unless float64 is asked for, and would lose digits.
+            given = np.asarray(actions, np.float64) if kind.kind in "bfiu" else None
+        except (RuntimeError, TypeError, ValueError) as cause:  # lists of different lengths, a tensor on a GPU
+            raise error(f"{wanted} ({cause})") from cause
+        if given is None:
+            raise error(f"{wanted}, not {kind}")
+        if given.shape != (count, 3):
+            raise error(f"{wanted}, not the shape {given.shape}")
+        right = (given >= (-1.0, 0.0, 0.0)) & (given <= 1.0) | ~driven[:, None]
+        if not right.all():
+            i, k = np.argwhere(~right)[0].tolist()
+            low = -1 if k == 0 else 0
+            raise error(f"actions[{i}].{CONTROLS[k]}: is {given[i, k]}; give a number from {low} to 1")
+        return given
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return a picture of each environment, uint8 (480, 864, 3); None unless ``rgb_array`` was asked for.

@@ -9,7 +9,7 @@ from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Final
 
-from wrongturn_protocol.model_contract import ContractError, ModelSignature, Shape, TensorSpec
+from wrongturn_protocol.model_contract import ContractError, ModelSignature, TensorSpec
 
 # Fields of messages.
 _GRAPH, _OPSET_IMPORT, _METADATA = 7, 8, 14  # of ModelProto
@@ -20,23 +20,8 @@ _TENSOR_TYPE: Final = 1  # of TypeProto
 _FIRST, _SECOND = 1, 2
 
 _DTYPES: Final = (
-    "undefined",
-    "float32",
-    "uint8",
-    "int8",
-    "uint16",
-    "int16",
-    "int32",
-    "int64",
-    "string",
-    "bool",
-    "float16",
-    "float64",
-    "uint32",
-    "uint64",
-    "complex64",
-    "complex128",
-    "bfloat16",
+    *("undefined", "float32", "uint8", "int8", "uint16", "int16", "int32", "int64", "string", "bool", "float16"),
+    *("float64", "uint32", "uint64", "complex64", "complex128", "bfloat16"),
 )
 """Names of the types of elements, in the order of their numbers."""
 _DEFAULT_DOMAIN: Final = ("", "ai.onnx")
@@ -59,7 +44,7 @@ def signature_of(file: Path) -> ModelSignature:
     """
     try:
         with file.open("rb") as opened, mmap(opened.fileno(), 0, access=ACCESS_READ) as data:
-            return _model(data)
+            return _Reader(data).signature()
     except (ValueError, IndexError) as error:
         if isinstance(error, ContractError):
             raise
@@ -74,110 +59,101 @@ def opset_of(file: Path) -> int:
         return 0
 
 
-def _model(data: mmap) -> ModelSignature:
-    inputs: list[TensorSpec] = []
-    outputs: list[TensorSpec] = []
-    constants: set[str] = set()
-    opsets = [0]
-    metadata = {}
-    for field, value in _fields(data, (0, len(data))):
-        if field == _GRAPH:
-            for part, inside in _fields(data, _span(value)):
-                if part == _INITIALIZER:
-                    constants.add(_text_in(data, inside, _TENSOR_NAME))
-                elif part == _SPARSE_INITIALIZER:
-                    constants.update(_text_in(data, tensor, _TENSOR_NAME) for tensor in _all(data, inside, _FIRST))
-                elif part == _INPUT:
-                    inputs.append(_tensor(data, inside))
-                elif part == _OUTPUT:
-                    outputs.append(_tensor(data, inside))
-        elif field == _OPSET_IMPORT and _text_in(data, value, _FIRST) in _DEFAULT_DOMAIN:
-            opsets += [version for version in _all(data, value, _SECOND) if isinstance(version, int)]
-        elif field == _METADATA:
-            metadata[_text_in(data, value, _FIRST)] = _text_in(data, value, _SECOND)
-    if not outputs:
-        raise ContractError("the file holds no graph; export the model to ONNX again")
-    # Files of old versions list the weights among the inputs.
-    taken = tuple(put for put in inputs if put.name not in constants)
-    return ModelSignature(taken, tuple(outputs), max(opsets), metadata)
+class _Reader:
+    """Reads fields of messages. What is no protobuf raises ValueError or IndexError."""
 
+    def __init__(self, data: mmap) -> None:
+        self._data = data
 
-def _tensor(data: mmap, value: int | Span) -> TensorSpec:
-    """Return an input or output, which is a ``ValueInfoProto``."""
-    dtype = "no tensor"
-    shape: Shape = ()
-    for kind in _all(data, value, _SECOND):
-        for tensor in _all(data, kind, _TENSOR_TYPE):
-            (number,) = [each for each in _all(data, tensor, _FIRST) if isinstance(each, int)][-1:] or [0]
+    def signature(self) -> ModelSignature:
+        whole = (0, len(self._data))
+        outputs = tuple(map(self._tensor, self._values(whole, _GRAPH, _OUTPUT)))
+        if not outputs:
+            raise ContractError("the file holds no graph; export the model to ONNX again")
+        # Files of old versions list the weights among the inputs.
+        weights = {self._text(name) for name in self._values(whole, _GRAPH, _INITIALIZER, _TENSOR_NAME)}
+        weights |= {self._text(name) for name in self._values(whole, _GRAPH, _SPARSE_INITIALIZER, _FIRST, _TENSOR_NAME)}
+        inputs = map(self._tensor, self._values(whole, _GRAPH, _INPUT))
+        opsets = [
+            self._number(imported, _SECOND)
+            for imported in self._values(whole, _OPSET_IMPORT)
+            if self._text_in(imported, _FIRST) in _DEFAULT_DOMAIN
+        ]
+        entries = self._values(whole, _METADATA)
+        metadata = {self._text_in(entry, _FIRST): self._text_in(entry, _SECOND) for entry in entries}
+        taken = tuple(put for put in inputs if put.name not in weights)
+        return ModelSignature(taken, outputs, max(opsets, default=0), metadata)
+
+    def _tensor(self, value: int | Span) -> TensorSpec:
+        """Return an input or output, which is a ``ValueInfoProto``."""
+        name, dtype = self._text_in(value, _FIRST), "no tensor"
+        sizes = tuple(map(self._size, self._values(value, _SECOND, _TENSOR_TYPE, _SECOND, _FIRST)))
+        for tensor in self._values(value, _SECOND, _TENSOR_TYPE):
+            number = self._number(tensor, _FIRST)
             dtype = _DTYPES[number] if number < len(_DTYPES) else f"type {number}"
-            shape = tuple(_size(data, size) for sizes in _all(data, tensor, _SECOND) for size in _all(data, sizes, 1))
-    return TensorSpec(_text_in(data, value, _FIRST), dtype, shape)
+        return TensorSpec(name, dtype, sizes)
 
+    def _size(self, value: int | Span) -> int | str | None:
+        """Return the size of an axis: a number, the name of a free one, or None."""
+        for field, size in self._fields(value):
+            if field == _FIRST and isinstance(size, int):
+                return size if size < 1 << 63 else None  # negative numbers are free axes too
+            if field == _SECOND:
+                return self._text(size) or None
+        return None
 
-def _size(data: mmap, value: int | Span) -> int | str | None:
-    """Return the size of an axis: a number, the name of a free one, or None."""
-    for field, size in _fields(data, _span(value)):
-        if field == _FIRST and isinstance(size, int):
-            return size if size < 1 << 63 else None  # negative numbers are free axes too
-        if field == _SECOND:
-            return _text(data, size) or None
-    return None
+    def _values(self, value: int | Span, *path: int) -> Iterator[int | Span]:
+        """Yield the values of a field of a message, or of a field of messages in it."""
+        for field, inside in self._fields(value):
+            if field == path[0]:
+                yield from self._values(inside, *path[1:]) if path[1:] else (inside,)
 
+    def _number(self, value: int | Span, wanted: int) -> int:
+        """Return a field of a message as a number; 0 if there is none. The last one counts, as in protobuf."""
+        return ([0] + [number for number in self._values(value, wanted) if isinstance(number, int)])[-1]
 
-def _all(data: mmap, value: int | Span, wanted: int) -> Iterator[int | Span]:
-    """Yield the values of one field of a message."""
-    return (inside for field, inside in _fields(data, _span(value)) if field == wanted)
+    def _text_in(self, value: int | Span, wanted: int) -> str:
+        """Return a field of a message as text; empty if there is none."""
+        return (["", *map(self._text, self._values(value, wanted))])[-1]
 
+    def _text(self, value: int | Span) -> str:
+        begin, end = _span(value)
+        return self._data[begin : min(end, begin + _LONGEST)].decode(errors="replace")
 
-def _text_in(data: mmap, value: int | Span, wanted: int) -> str:
-    """Return a field of a message as text; empty if there is none. The last one counts, as in protobuf."""
-    found = ""
-    for inside in _all(data, value, wanted):
-        found = _text(data, inside)
-    return found
+    def _fields(self, value: int | Span) -> Iterator[tuple[int, int | Span]]:
+        """Yield number and value of each field of a message; of bytes, their place."""
+        at, end = _span(value)
+        while at < end:
+            key, at = self._varint(at)
+            kind = key & 7
+            if kind == _VARINT:
+                number, at = self._varint(at)
+                yield key >> 3, number
+            elif kind == _BYTES:
+                size, at = self._varint(at)
+                if at + size > end:
+                    raise ValueError("it is cut off")
+                yield key >> 3, (at, at + size)
+                at += size
+            elif kind in {_FIXED64, _FIXED32}:
+                at += 8 if kind == _FIXED64 else 4
+            else:
+                raise ValueError("it is not in protobuf's encoding")
 
-
-def _text(data: mmap, value: int | Span) -> str:
-    begin, end = _span(value)
-    return data[begin : min(end, begin + _LONGEST)].decode(errors="replace")
+    def _varint(self, at: int) -> tuple[int, int]:
+        """Return the number that begins at a place, and the place after it."""
+        value = shift = 0
+        while shift < 70:
+            byte = self._data[at]
+            value |= (byte & 0x7F) << shift
+            at, shift = at + 1, shift + 7
+            if byte < 0x80:
+                return value, at
+        raise ValueError("it is not in protobuf's encoding")
 
 
 def _span(value: int | Span) -> Span:
-    """Return a value as the place of a message. Raises ValueError."""
+    """Return a value as the place of a message."""
     if isinstance(value, int):
         raise ValueError("a number stands where a message should")
     return value
-
-
-def _fields(data: mmap, span: Span) -> Iterator[tuple[int, int | Span]]:
-    """Yield number and value of each field of a message; of bytes, their place. Raises ValueError or IndexError."""
-    at, end = span
-    while at < end:
-        key, at = _varint(data, at)
-        kind = key & 7
-        if kind == _VARINT:
-            value, at = _varint(data, at)
-            yield key >> 3, value
-        elif kind == _BYTES:
-            size, at = _varint(data, at)
-            if at + size > end:
-                raise ValueError("it is cut off")
-            yield key >> 3, (at, at + size)
-            at += size
-        elif kind in {_FIXED64, _FIXED32}:
-            at += 8 if kind == _FIXED64 else 4
-        else:
-            raise ValueError("it is not in protobuf's encoding")
-
-
-def _varint(data: mmap, at: int) -> tuple[int, int]:
-    """Return the number that begins at a place, and the place after it."""
-    value = shift = 0
-    while True:
-        byte = data[at]
-        value |= (byte & 0x7F) << shift
-        at, shift = at + 1, shift + 7
-        if byte < 0x80:
-            return value, at
-        if shift > 63:
-            raise ValueError("it is not in protobuf's encoding")

@@ -84,10 +84,10 @@ class TrialOptions:
         fault, task, route = given.get("fault", FaultKind.NONE), given.get("task"), given.get("route")
         options = cls(
             town=town,
-            track=_one_of("track", Track, track),
+            track=one_of("track", Track, track),
             approach=given.get("approach"),
-            fault=fault if isinstance(fault, Fault) else Fault(kind=_one_of("fault", FaultKind, fault)),
-            task=None if task is None else _one_of("task", Task, task),
+            fault=fault if isinstance(fault, Fault) else Fault(kind=one_of("fault", FaultKind, fault)),
+            task=None if task is None else one_of("task", Task, task),
             journeys=given.get("journeys"),
             route=None if route is None else _direction(route),
             weathers=_weathers(given.get("weather", Weather.CLEAR_NOON)),
@@ -189,10 +189,18 @@ def _weathers(weather: object) -> tuple[Weather, ...]:
     names = tuple(weather) if isinstance(weather, Iterable) and not isinstance(weather, str) else (weather,)
     if not names:
         raise OptionError("weather: none is named; name one or more")
-    return tuple(_one_of("weather", Weather, name) for name in names)
+    return tuple(one_of("weather", Weather, name) for name in names)
 
 
-def _one_of(name: str, kind: type[E], value: object) -> E:
+def whole_number(name: str, value: object) -> int:
+    """Return an argument that counts something; raise OptionError if it is not a whole number, 1 or more."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise OptionError(f"{name}: is {value!r}; give a whole number, 1 or more")
+    return int(value)
+
+
+def one_of(name: str, kind: type[E], value: object) -> E:
+    """Return an argument as a member of an enumeration; raise OptionError for an unknown value."""
     try:
         return kind(value)
     except ValueError:

@@ -1,20 +1,18 @@
 """Ids of environments that have wrappers in them, for programs that take nothing but an id."""
 
-from typing import Any, Final
+from typing import Final
 
 from gymnasium import register
 from gymnasium.envs.registration import WrapperSpec
 
 _OURS: Final = "wrongturn_protocol.wrappers"
-_VARIANTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
-    "Flat": ("privileged", (f"{_OURS}:CarFrame", "gymnasium.wrappers:FlattenObservation", f"{_OURS}:SteerAndPedal")),
-    "FlatDiscrete": (
-        "privileged",
-        (f"{_OURS}:CarFrame", "gymnasium.wrappers:FlattenObservation", f"{_OURS}:DiscreteActions"),
-    ),
+_FLAT: Final = (f"{_OURS}:CarFrame", "gymnasium.wrappers:FlattenObservation")
+_VARIANTS: Final = {
+    "Flat": ("privileged", (*_FLAT, f"{_OURS}:SteerAndPedal")),
+    "FlatDiscrete": ("privileged", (*_FLAT, f"{_OURS}:DiscreteActions")),
     "Pixels": ("camera", (f"{_OURS}:OnlyPicture", f"{_OURS}:SteerAndPedal")),
 }
-"""What follows the name: the track, and the wrappers, innermost first."""
+"""What follows the name of an id: the track, and the wrappers, innermost first."""
 
 
 def register_variants(name: str, entry_point: str) -> None:
@@ -24,10 +22,5 @@ def register_variants(name: str, entry_point: str) -> None:
             f"{name}{suffix}-v0",
             entry_point=entry_point,
             kwargs={"track": track},
-            additional_wrappers=tuple(_spec(wrapper) for wrapper in wrappers),
+            additional_wrappers=tuple(WrapperSpec(one.partition(":")[2], one, {}) for one in wrappers),
         )
-
-
-def _spec(wrapper: str) -> WrapperSpec:
-    arguments: dict[str, Any] = {}
-    return WrapperSpec(wrapper.partition(":")[2], wrapper, arguments)

@@ -73,9 +73,8 @@ def draw_journey(
 ) -> Trial:
     """Draw a trial of one of CoRL 2017's tasks.
 
-    With the same seed, navigation has the same route with and without other road users.
-
-    The task itself adds no other road users. ``approach`` is the first one; None draws it.
+    With the same seed, navigation has the same route with and without other road users; the task itself adds none.
+    ``approach`` is the first one; None draws it.
 
     Raises:
         NoJourneyError: the task has no goal, or the town has no such journey.

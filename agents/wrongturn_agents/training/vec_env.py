@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 
 from wrongturn_client import RemoteVectorEnv
 from wrongturn_protocol import OptionError
-from wrongturn_protocol.vectors import autoreset_mode_of
+from wrongturn_protocol.trial_options import one_of
 from wrongturn_sim import WrongturnVectorEnv
 
 
@@ -33,7 +33,7 @@ class WrongturnVecEnv(VecEnv):
     """
 
     def __init__(self, num_envs: int, **options: Any) -> None:
-        mode = autoreset_mode_of(options.pop("autoreset_mode", AutoresetMode.SAME_STEP))
+        mode = one_of("autoreset_mode", AutoresetMode, options.pop("autoreset_mode", AutoresetMode.SAME_STEP))
         if mode is not AutoresetMode.SAME_STEP:
             raise OptionError(f"autoreset_mode: is {mode.value}; Stable-Baselines3 needs SameStep, so leave it out")
         made = RemoteVectorEnv if "url" in options else WrongturnVectorEnv

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.segmentation import SegmentationClass
-from wrongturn_protocol.vectors import whole_number
+from wrongturn_protocol.trial_options import whole_number
 
 Picture = NDArray[np.uint8]
 _KEYS: Final = ("rgb", "segmentation")

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from wrongturn_networks import load_town
 from wrongturn_protocol import OptionError, Track, Traffic, Trial, TrialKeywords, TrialOptions
-from wrongturn_protocol.environments import TrialVectorEnv
+from wrongturn_protocol.environments import Flags, TrialVectorEnv
 from wrongturn_protocol.observations import Observation
-from wrongturn_protocol.trial_options import check_keywords
-from wrongturn_protocol.vectors import Flags, whole_number
+from wrongturn_protocol.trial_options import check_keywords, whole_number
 from wrongturn_sim.errors import EpisodeAlreadyFinishedError, EpisodeNotStartedError, InvalidActionError
 from wrongturn_sim.fleet.fleet import Fleet, Record
 from wrongturn_sim.fleet.traffic import FleetTraffic
