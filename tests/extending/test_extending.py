@@ -24,7 +24,7 @@ from wrongturn_agents.training.method import find_method, load, method_names
 from wrongturn_agents.training.progress_file import read_rows
 from wrongturn_client.cli import app
 from wrongturn_judge import compute
-from wrongturn_networks import catalogue, draw_trial, load_suite, load_town, suite_ids, town_names
+from wrongturn_networks import catalogue, draw_trial, load_suite, load_town, suite_ids, suites, town_names
 from wrongturn_protocol import Command, FaultKind, Outcome, PracticeRequest, Reaction, RunFile, Track, Verdict
 from wrongturn_service.catalogue import practice_trial, town_detail
 from wrongturn_service.errors import InvalidRequestError
@@ -108,7 +108,7 @@ def test_a_fault_is_asked_where_it_can_be_applied(install_page: Install) -> None
 
 
 def test_a_town_and_a_suite_are_found_by_all_that_take_a_name(
-    install: Callable[[Path], None], town_and_suite: Path, tmp_path: Path
+    install: Callable[[Path], None], town_and_suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     install(town_and_suite)
     assert town_names() == ("Town01", "Town02", "junctions", "village")
@@ -133,6 +133,12 @@ def test_a_town_and_a_suite_are_found_by_all_that_take_a_name(
                 ("/leaderboards/rainy@1", "No turn is announced, in sun and rain"),
             ):
                 assert shown in (await http.get(address)).text, address
+            agent = expect(await http.post("/v1/agents", json={"name": "a driver", "track": "privileged"}), 201)["id"]
+            await store_evaluation(http.app.state.service, agent, load_suite("rainy@1"))
+            assert "rainy@1" in (await http.get(f"/agents/{agent}")).text
+            monkeypatch.setitem(vars(suites.shelf()), "_others", {})  # uninstalled
+            assert (await http.get(f"/agents/{agent}")).status_code == 200
+            assert (await http.get("/leaderboards/rainy@1")).status_code == 404
 
     play(story)
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Query, Request, Response
 
+from wrongturn_networks import suite_ids
 from wrongturn_protocol import FaultKind, JunctionType, Metrics, ProblemType, Safety, TableCell, Verdict
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import detail
@@ -73,7 +74,8 @@ async def agent(
     trials with the verdict (or all ``unsafe`` ones), the fault and the junction type are listed.
     """
     who = detail(await service.accounts.shown_agent(agent))
-    rows = await service.finished.of_agent(agent)
+    # A suite's package may have been uninstalled since.
+    rows = [row for row in await service.finished.of_agent(agent) if row.suite in suite_ids()]
     counting = await service.finished.counting(agent)
     row = _shown(rows, suite, evaluation)
     listed = _listed(rows, counting)
