@@ -133,6 +133,7 @@ def test_a_town_and_a_suite_are_found_by_all_that_take_a_name(
                 ("/leaderboards/rainy@1", "No turn is announced, in sun and rain"),
             ):
                 assert shown in (await http.get(address)).text, address
+            del http.headers["Authorization"]
             agent = expect(await http.post("/v1/agents", json={"name": "a driver", "track": "privileged"}), 201)["id"]
             await store_evaluation(http.app.state.service, agent, load_suite("rainy@1"))
             assert "rainy@1" in (await http.get(f"/agents/{agent}")).text
