@@ -40,12 +40,6 @@ RETRY_AFTER: Final = "retry_after_s"
 _ALIGNMENT: Final = 8
 _TRIPLE: Final = b"\x93"
 """First byte of a msgpack array of three."""
-_NIL: Final = b"\xc0"
-_ARRAYS: Final = tuple(bytes((0x90 | count,)) for count in range(16))
-"""First byte of a msgpack array, by its length."""
-_BIN8: Final = struct.Struct(">BB")
-_BIN16: Final = struct.Struct(">BH")
-_BIN32: Final = struct.Struct(">BI")
 
 
 class Call(StrEnum):
@@ -152,13 +146,8 @@ def arrays(data: bytes | memoryview) -> Observation:
 def _bin_header(size: int) -> bytes:
     """Return the msgpack header of so many bytes."""
     if size < 1 << 8:
-        return _BIN8.pack(0xC4, size)
-    if size < 1 << 16:
-        return _BIN16.pack(0xC5, size)
-    return _BIN32.pack(0xC6, size)
-
-
-_BLOCK_HEADERS: Final = tuple((size, _bin_header(size)) for size in sorted(_LAYOUTS, reverse=True))
+        return struct.pack(">BB", 0xC4, size)
+    return struct.pack(">BH", 0xC5, size) if size < 1 << 16 else struct.pack(">BI", 0xC6, size)
 
 
 def pack_calls(number: int, calls: Sequence[Sequence[Any]]) -> bytes:
@@ -197,16 +186,8 @@ def result_head(status: int, fields: Mapping[str, Any], size: int) -> bytes:
 
 def results_head(number: int | None, count: int) -> bytes:
     """Return a reply message up to its results, which follow."""
-    packed: bytes
-    if count < len(_ARRAYS):
-        packed = msgpack.packb((number, ()))
-        return packed[:-1] + _ARRAYS[count]  # replaces the header of the empty array
-    packer = msgpack.Packer(autoreset=False)
-    packer.pack_array_header(2)
-    packer.pack(number)
-    packer.pack_array_header(count)
-    packed = packer.bytes()
-    return packed
+    head: bytes = msgpack.packb((number, ()))
+    return head[:-1] + msgpack.Packer().pack_array_header(count)  # replaces the header of the empty array
 
 
 def join_results(number: int | None, results: Sequence[bytes]) -> bytes:
@@ -215,8 +196,8 @@ def join_results(number: int | None, results: Sequence[bytes]) -> bytes:
 
 
 def unpack_results(data: bytes | memoryview) -> tuple[int | None, list[Any]]:
-    """Return number and results of a reply; raise MalformedMessageError. A block may be a view of the data."""
-    message = _around_block(data) or _unpacked(data)
+    """Return number and results of a reply; raise MalformedMessageError."""
+    message = _unpacked(data)
     try:
         number, results = message
         for result in results:
@@ -228,44 +209,10 @@ def unpack_results(data: bytes | memoryview) -> tuple[int | None, list[Any]]:
     return number, results
 
 
-def _around_block(data: bytes | memoryview) -> Any:
-    """Unpack a reply message that ends with a block, without copying the block; return None if unsure.
-
-    Copying the 49 kB of a picture takes longer than unpacking all the rest.
-    """
-    for size, header in _BLOCK_HEADERS:
-        begin = len(data) - size
-        before = begin - len(header)
-        if before > 0 and data[before:begin] == header:
-            try:
-                # Unpack with nil in place of the block. If the data only looked like a block, this fails.
-                message = msgpack.unpackb(bytes(data[:before]) + _NIL)
-                last = message[1][-1]
-            except (ValueError, TypeError, LookupError, RecursionError, msgpack.UnpackException):
-                return None
-            if not (type(last) is list and len(last) == 3 and last[2] is None):
-                return None
-            last[2] = memoryview(data)[begin:]
-            return message
-    return None
-
-
 def _unpacked(data: bytes | memoryview, **limits: int) -> Any:
     try:
         return msgpack.unpackb(data, **limits)
     except (ValueError, TypeError, RecursionError, msgpack.UnpackException) as error:
-        if _ends_early(data):
+        if str(error) == "Unpack failed: incomplete input":
             raise TruncatedMessageError(f"the message ends after {len(data)} bytes, before it is complete") from error
         raise MalformedMessageError(f"the message is no msgpack: {str(error)[:200] or type(error).__name__}") from error
-
-
-def _ends_early(data: bytes | memoryview) -> bool:
-    unpacker = msgpack.Unpacker(max_buffer_size=max(1, len(data)))
-    unpacker.feed(data)
-    try:
-        unpacker.skip()
-    except msgpack.OutOfData:
-        return True
-    except (ValueError, RecursionError, msgpack.UnpackException):
-        return False
-    return False

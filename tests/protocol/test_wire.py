@@ -66,12 +66,10 @@ def test_results_survive() -> None:
     )
 
 
-SIZES = sorted(wire.layout(track).size for track in Track)
 RESULTS = st.tuples(
     st.integers(0, 999),
     st.dictionaries(st.text(max_size=4), st.none() | st.integers(0, 9) | st.binary(max_size=30), max_size=3),
-    st.sampled_from([*SIZES, 0, 23, 25]).flatmap(lambda size: st.just(bytes(size)) | st.just(b"\xc4\x18" * (size // 2)))
-    | st.none(),
+    st.sampled_from([wire.layout(track).size for track in Track] + [0, 255, 256]).map(bytes) | st.none(),
 )
 
 
@@ -80,13 +78,6 @@ def test_a_reply_is_read_as_msgpack_reads_it(number: int | None, results: list[t
     packed = wire.join_results(number, [wire.pack_result(*result) for result in results])
     assert wire.unpack_results(packed) == tuple(msgpack.unpackb(packed))
     assert wire.unpack_results(memoryview(packed)) == tuple(msgpack.unpackb(packed))
-
-
-def test_the_last_block_is_not_copied() -> None:
-    memory = bytearray(wire.join_results(1, [wire.pack_result(200, {"seq": 1}, bytes(size)) for size in SIZES]))
-    _, results = wire.unpack_results(memoryview(memory))
-    memory[-1] = 7
-    assert results[-1][2][-1] == 7
 
 
 MESSAGE = wire.pack_calls(7, [["step", "ep_1", 1, 0.25, 1.0, 0.0], ["look", "ep_2"]])
