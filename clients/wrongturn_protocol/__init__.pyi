@@ -48,9 +48,6 @@ from .model_contract import ModelContract as ModelContract
 from .model_contract import ModelSignature as ModelSignature
 from .model_contract import TensorSpec as TensorSpec
 from .model_contract import contract_of as contract_of
-from .navigation import Infractions as Infractions
-from .navigation import NavigationCount as NavigationCount
-from .navigation import NavigationMetrics as NavigationMetrics
 from .onnx_file import signature_of as signature_of
 from .paper import PAPER as PAPER
 from .paper import PaperAgent as PaperAgent
@@ -62,7 +59,10 @@ from .results import EpisodeResult as EpisodeResult
 from .results import EvaluationDetail as EvaluationDetail
 from .results import EvaluationRequest as EvaluationRequest
 from .results import ExcessUnsafeRate as ExcessUnsafeRate
+from .results import Infractions as Infractions
 from .results import Metrics as Metrics
+from .results import NavigationCount as NavigationCount
+from .results import NavigationMetrics as NavigationMetrics
 from .results import ResultsRequest as ResultsRequest
 from .results import StrictUnsafeCount as StrictUnsafeCount
 from .results import TableCell as TableCell

@@ -2,10 +2,11 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import gymnasium
 import numpy as np
+from gymnasium.error import DependencyNotInstalled
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -13,11 +14,16 @@ from numpy.typing import NDArray
 
 from wrongturn_protocol.episodes import CONTROLS
 from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
-from wrongturn_protocol.screen import FRAMES_A_SECOND, RENDER_MODES, VECTOR_RENDER_MODES, Screen, check_render_mode
+from wrongturn_protocol.suggestions import did_you_mean
 from wrongturn_protocol.trial_options import OptionError, check_options, one_of, whole_number
 from wrongturn_protocol.vocabulary import Track
 
 Flags = NDArray[np.bool_]
+RENDER_MODES: Final = ("human", "rgb_array")
+VECTOR_RENDER_MODES: Final = ("rgb_array",)
+"""Render modes of the vector environments, which have no window."""
+FRAMES_A_SECOND: Final = 10
+"""Pictures a second of an environment that is watched: a decision takes 0.1 s."""
 
 
 class TrialEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
@@ -27,10 +33,10 @@ class TrialEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     def _prepare(self, track: Track, render_mode: str | None, size: tuple[int, int] = IMAGE_SHAPE) -> None:
         """Set the spaces, and open no window yet. ``size`` is rows and columns of a picture."""
-        check_render_mode(render_mode)
+        _check_render_mode(render_mode)
         self.track = track
         self.render_mode = render_mode
-        self._screen = Screen() if render_mode == "human" else None
+        self._screen = _Screen() if render_mode == "human" else None
         self.observation_space = observation_space(track, size)  # type: ignore[assignment]
         self.action_space = action_space()  # type: ignore[assignment]
 
@@ -84,7 +90,7 @@ class TrialVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
         size: tuple[int, int] = IMAGE_SHAPE,
     ) -> None:
         """Set the spaces and begin nothing. ``size`` is rows and columns of a picture. Raises OptionError."""
-        check_render_mode(render_mode, VECTOR_RENDER_MODES)
+        _check_render_mode(render_mode, VECTOR_RENDER_MODES)
         self.num_envs = count = whole_number("num_envs", num_envs)
         self.track = track
         self.render_mode = render_mode
@@ -189,3 +195,46 @@ class TrialVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
         self._note(infos, i, final_obs=last)
         self._note(infos.setdefault("final_info", {}), i, **info)
         infos["_final_info"] = infos["_final_obs"]
+
+
+def _check_render_mode(render_mode: str | None, modes: Sequence[str] = RENDER_MODES) -> None:
+    """Raise OptionError unless the mode is None or one of those that an environment has."""
+    if render_mode is not None and render_mode not in modes:
+        raise OptionError(
+            f"render_mode: {render_mode!r} is not known; take {' or '.join(modes)}, or leave it None"
+            f"{did_you_mean(render_mode, modes)}"
+        )
+
+
+class _Screen:
+    """A window on the desktop for the render mode ``human``. The first picture opens it; it shows ten a second."""
+
+    def __init__(self) -> None:
+        try:
+            import pygame  # noqa: PLC0415 - an extra, which only this window needs
+        except ImportError as error:
+            raise DependencyNotInstalled(
+                "render_mode: human needs pygame, which is missing: pip install 'wrongturn-client[human]'"
+            ) from error
+        self._pygame = pygame
+        self._window: Any = None
+        self._clock: Any = None
+
+    def show(self, image: NDArray[np.uint8]) -> None:
+        """Show a picture, RGB uint8 (height, width, 3), a tenth of a second after the one before."""
+        pygame, size = self._pygame, (image.shape[1], image.shape[0])
+        if self._window is None:
+            pygame.display.init()  # not pygame.init(), which starts sound too
+            pygame.display.set_caption("Wrongturn")
+            self._window = pygame.display.set_mode(size)
+            self._clock = pygame.time.Clock()
+        self._window.blit(pygame.surfarray.make_surface(image.swapaxes(0, 1)), (0, 0))
+        pygame.event.pump()
+        pygame.display.flip()
+        self._clock.tick(FRAMES_A_SECOND)
+
+    def close(self) -> None:
+        """Close the window. Safe to call more than once."""
+        if self._window is not None:
+            self._pygame.display.quit()
+            self._window = None

@@ -25,6 +25,7 @@ ROAD_USERS: Final = 32
 """Rows of ``road_users``."""
 IMAGE_SHAPE: Final = (64, 192)
 """Rows and columns of the camera's pictures."""
+_LINE: Final = 100
 
 
 @dataclass(frozen=True)
@@ -161,6 +162,21 @@ def _property(field: Field) -> dict[str, Any]:
 def action_space() -> spaces.Box:
     """Return the space of actions, float32 (3,): steer in [-1, 1], throttle and brake in [0, 1]."""
     return spaces.Box(np.array([-1, 0, 0], np.float32), np.array([1, 1, 1], np.float32), dtype=np.float32)
+
+
+def in_short(space: spaces.Space[Any]) -> str:
+    """Return a space in one line, for an error: Gymnasium's text may have hundreds.
+
+    A ``Box`` of many bounds shows the least and the greatest, a ``Dict`` its keys.
+    """
+    text = str(space)
+    if len(text) <= _LINE and "\n" not in text:
+        return text
+    if isinstance(space, spaces.Box):
+        return f"Box({space.low.min()} to {space.high.max()}, {space.shape}, {space.dtype})"
+    if isinstance(space, spaces.Dict):
+        return f"Dict of {', '.join(map(str, space))}"
+    return f"{' '.join(text.split())[:_LINE]}…"
 
 
 def encode(observation: Observation, track: Track, *, binary: bool = False) -> dict[str, Any]:

@@ -4,32 +4,13 @@ import re
 from typing import Final
 
 SHIPPED_NAMES: Final = frozenset(
-    {
-        "always-stops",
-        "blocker",
-        "careful",
-        "clones",
-        "creeper",
-        "doubting",
-        "doubting-segmentation",
-        "head-on",
-        "ignores-commands",
-        "lbc",
-        "lbc-privileged",
-        "marln",
-        "obeys-blindly",
-        "odometer",
-        "oncoming-lane",
-        "oncoming-lane-back",
-        "parked",
-        "pause-then-obey",
-        "ppo-auxiliary",
-        "ppo-image",
-        "ppo-segmentation",
-        "twin-tape",
-        "twitcher",
-        "u-turner",
-    }
+    (
+        *("always-stops", "careful", "ignores-commands", "obeys-blindly", "parked", "pause-then-obey"),
+        *("lbc", "lbc-privileged", "marln", "ppo-auxiliary", "ppo-image", "ppo-segmentation"),
+        *("doubting", "doubting-segmentation"),
+        *("blocker", "clones", "creeper", "head-on", "odometer", "oncoming-lane", "oncoming-lane-back", "twin-tape"),
+        *("twitcher", "u-turner"),
+    )
 )
 """Names of agents and algorithms."""
 OWNER_NAME: Final = "Wrongturn"
@@ -47,10 +28,6 @@ def looks_like(name: str, reserved: frozenset[str] = SHIPPED_NAMES) -> str | Non
 
     Case, dots, dashes, underscores and spaces make no difference; nor do ``0`` and ``o``, ``1``, ``i`` and ``l``,
     ``5`` and ``s``, ``rn`` and ``m``, ``vv`` and ``w``.
-
-    Args:
-        name: A valid name of an agent or owner, which is ASCII.
-        reserved: The reserved names.
     """
     wanted = _skeleton(name)
     return next((one for one in sorted(reserved) if _skeleton(one) == wanted), None)

@@ -6,8 +6,7 @@ from pydantic import FailFast, Field
 
 from wrongturn_protocol.catalogue import Sha256
 from wrongturn_protocol.episodes import EpisodeDetail, Message, Outcome, is_none
-from wrongturn_protocol.navigation import NavigationMetrics
-from wrongturn_protocol.vocabulary import EvaluationState, JunctionType, Reaction, Verdict
+from wrongturn_protocol.vocabulary import Condition, EvaluationState, JunctionType, Reaction, Task, Verdict
 
 
 class EvaluationRequest(Message):
@@ -60,6 +59,46 @@ class TableCell(Message):
 
     unsafe: int
     trials: int
+
+
+class Infractions(Message):
+    """Infractions for each kilometre driven."""
+
+    off_road: float
+    """Times the car left the road with its centre, or with three or more wheels."""
+    wrong_lane: float
+    """Times the car's centre entered an oncoming lane."""
+    collisions: float
+    """Collisions; a journey ends with the first."""
+
+
+class NavigationCount(Message):
+    """Journeys that reached their goal, out of all."""
+
+    episodes: int
+    success: int
+    """Journeys with the verdict ``arrived``: the goal was reached in time."""
+    clean: int
+    """Successful journeys without any infraction."""
+    rate: float
+    """Share of successful journeys."""
+    ci95: tuple[float, float]
+    """Wilson's 95% interval of ``rate``."""
+    completion: float
+    """Mean share of the shortest way that was covered, 0 to 1."""
+    distance: float
+    """Kilometres driven in all."""
+    per_km: Infractions | None
+    """Infractions for each kilometre; None if nothing was driven."""
+
+
+class NavigationMetrics(Message):
+    """Results on a suite of journeys by task and condition, counted as in CoRL 2017 (Dosovitskiy et al.)."""
+
+    total: NavigationCount
+    """Count over all trials of the suite."""
+    table: dict[Task, dict[Condition, NavigationCount]]
+    """Counts by the tasks and conditions of the suite."""
 
 
 class Metrics(Message):

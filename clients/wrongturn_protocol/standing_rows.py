@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from wrongturn_protocol.leaderboards import Leaderboard, LeaderboardEntry
-from wrongturn_protocol.navigation import NavigationCount
 from wrongturn_protocol.paper import PAPER, PaperAgent
-from wrongturn_protocol.results import Metrics, TableCell
+from wrongturn_protocol.results import Metrics, NavigationCount, TableCell
 from wrongturn_protocol.vocabulary import PAPER_TYPES, Condition, Entry, FaultKind, JunctionType, Task
 
 TRAINED: Final = "†"

@@ -11,8 +11,7 @@ from gymnasium.utils import RecordConstructorArgs
 from gymnasium.wrappers import TransformAction
 from numpy.typing import NDArray
 
-from wrongturn_protocol.observations import action_space
-from wrongturn_protocol.space_text import in_short
+from wrongturn_protocol.observations import action_space, in_short
 
 DEFAULT_ACTIONS: Final = tuple(
     (steer, throttle, brake)
@@ -26,7 +25,6 @@ class DiscreteActions(TransformAction[Any, Any, Any], RecordConstructorArgs):
     """Choose the action from a list, for algorithms such as DQN: the space is ``Discrete(len(actions))``.
 
     Args:
-        env: An environment whose actions are steer, throttle and brake.
         actions: The list, (n, 3): steer in [-1, 1], throttle and brake in [0, 1]. By default 15 actions.
 
     Raises:
@@ -60,9 +58,6 @@ class SteerAndPedal(TransformAction[Any, Any, Any], RecordConstructorArgs):
     """Steer, and press one pedal: two numbers from -1 to 1, the range that suits many algorithms.
 
     The first is steer. The second is throttle where it is positive, and brake where it is negative.
-
-    Args:
-        env: An environment whose actions are steer, throttle and brake.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:

@@ -23,9 +23,6 @@ class CarFrame(TransformObservation[Any, Any, Any], RecordConstructorArgs):
     x points ahead and y to the left, from the middle of the body, in metres; yaws are relative to the car's, in
     [-pi, pi]. Exits that are not there and rows past ``road_users_count`` stay zeros. All bounds are finite.
 
-    Args:
-        env: An environment of the privileged track.
-
     Raises:
         ValueError: Observations are not those of the privileged track.
     """

@@ -30,7 +30,6 @@ class OnlyPicture(TransformObservation[Any, Any, Any], RecordConstructorArgs):
     The agent does not see the command then, so it cannot know where to turn.
 
     Args:
-        env: An environment with pictures.
         key: The picture's key.
 
     Raises:
@@ -44,9 +43,6 @@ class OnlyPicture(TransformObservation[Any, Any, Any], RecordConstructorArgs):
 
 class GrayPicture(TransformObservation[Any, Any, Any], RecordConstructorArgs):
     """Make ``rgb`` grey: (rows, columns, 3) becomes (rows, columns, 1).
-
-    Args:
-        env: An environment with pictures in colour.
 
     Raises:
         ValueError: Observations have no ``rgb`` of three channels.
@@ -66,7 +62,6 @@ class ResizePictures(TransformObservation[Any, Any, Any], RecordConstructorArgs)
     In process, ``camera=Camera(...)`` draws pictures of any size, which is sharper and quicker.
 
     Args:
-        env: An environment with pictures.
         shape: Rows and columns, such as ``(84, 84)``.
 
     Raises:
@@ -107,9 +102,6 @@ class SegmentationPlanes(TransformObservation[Any, Any, Any], RecordConstructorA
 
     Networks learn more easily from planes than from the numbers of classes, which have no order.
 
-    Args:
-        env: An environment of the segmentation track.
-
     Raises:
         ValueError: Observations have no ``segmentation`` of classes.
     """
@@ -133,7 +125,6 @@ class StackPictures(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
     as they are; Gymnasium's ``FrameStackObservation`` stacks every key, along a new first axis.
 
     Args:
-        env: An environment with pictures.
         number: How many pictures.
 
     Raises:

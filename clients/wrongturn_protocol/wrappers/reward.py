@@ -17,7 +17,6 @@ class ShapeReward(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     how it ended. The observation is the one that the wrapped environment gives. Rewards never change a verdict.
 
     Args:
-        env: Any environment.
         function: Called after each step with the reward, the observation and ``info``; returns the new reward.
 
     Raises:

@@ -17,8 +17,7 @@ from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.sb3_policy import SavedPolicy
 from wrongturn_protocol import Track
 from wrongturn_protocol.model_contract import CONTROLS
-from wrongturn_protocol.observations import FIELDS, Field, Observation, action_space, observation_space
-from wrongturn_protocol.space_text import in_short
+from wrongturn_protocol.observations import FIELDS, Field, Observation, action_space, in_short, observation_space
 
 _TRACKS: Final = (Track.STATE, Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)  # smaller tracks first
 _CHANNELS_FIRST: Final = (2, 0, 1)
