@@ -111,9 +111,9 @@ class TrialVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
 
         Of one seed, each next environment gets 1 more. Of one trial, all get it.
         """
-        options, count = check_options(options, ("trial", "reset_mask")), self.num_envs
+        count, known = self.num_envs, check_options(options, ("trial", "reset_mask"))
         seeds = [None if seed is None else seed + i for i in range(count)] if not isinstance(seed, Sequence) else seed
-        trials = options.get("trial")
+        trials = known.get("trial")
         if trials is None or isinstance(trials, single):
             trials = [trials] * count
         elif not isinstance(trials, Sequence):
@@ -121,7 +121,7 @@ class TrialVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
         for name, given in (("seed", seeds), ("options.trial", trials)):
             if len(given) != count:
                 raise OptionError(f"{name}: has {len(given)} entries; give one for each of {count} environments")
-        mask = np.asarray(options.get("reset_mask", np.ones(count, np.bool_)))
+        mask = np.asarray(known.get("reset_mask", np.ones(count, np.bool_)))
         if mask.shape != (count,) or mask.dtype != np.bool_ or not mask.any():
             raise OptionError(f"options.reset_mask: give ({count},) of bool, one of them True at least")
         self._randoms = self._randoms or [seeding.np_random(one)[0] for one in seeds]

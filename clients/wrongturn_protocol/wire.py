@@ -186,8 +186,9 @@ def result_head(status: int, fields: Mapping[str, Any], size: int) -> bytes:
 
 def results_head(number: int | None, count: int) -> bytes:
     """Return a reply message up to its results, which follow."""
-    head: bytes = msgpack.packb((number, ()))
-    return head[:-1] + msgpack.Packer().pack_array_header(count)  # replaces the header of the empty array
+    packed: bytes = msgpack.packb((number, ()))
+    length: bytes = msgpack.Packer().pack_array_header(count)
+    return packed[:-1] + length  # in place of the empty array
 
 
 def join_results(number: int | None, results: Sequence[bytes]) -> bytes:
