@@ -82,7 +82,7 @@ def is_sound(trial: Trial) -> None:
 
 
 @given(secret=secrets)
-@settings(max_examples=60)
+@settings(max_examples=20)
 def test_a_draw_keeps_what_it_promises(secret: str) -> None:
     suite, draw = load_suite("wrong-command@2"), paper(secret)
     assert (len(draw.trials), len(draw.twins), len(draw.episodes)) == (60, 60, 120)
@@ -105,7 +105,7 @@ def test_a_draw_keeps_what_it_promises(secret: str) -> None:
 
 
 @given(secret=secrets)
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_approaches_come_once_and_routes_as_often_in_each_type_and_fault(secret: str) -> None:
     trials = paper(secret).trials
     for kind, fault in product(PAPER_TYPES, FAULTS):
@@ -115,7 +115,7 @@ def test_approaches_come_once_and_routes_as_often_in_each_type_and_fault(secret:
 
 
 @given(one=secrets, other=secrets)
-@settings(max_examples=30)
+@settings(max_examples=20)
 def test_two_secrets_give_trials_that_differ_in_every_start(one: str, other: str) -> None:
     if one == other:
         assert paper(one).episodes == paper(other).episodes
@@ -172,15 +172,14 @@ def test_the_same_secret_gives_the_same_trials_for_ever() -> None:
     assert sha256_of(paper(GOLDEN_SECRET)) == GOLDEN
 
 
-@pytest.mark.parametrize("hash_seed", ["0", "1", "4242"])
-def test_another_process_draws_the_same(hash_seed: str) -> None:
+def test_another_process_draws_the_same() -> None:
     code = (
         "import hashlib, json; from wrongturn_networks import load_suite\n"
         f"draw = load_suite('wrong-command@2').draw({GOLDEN_SECRET!r})\n"
         "content = [trial.model_dump(mode='json') for trial in draw.episodes]\n"
         "print(hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest())"
     )
-    environment = {**os.environ, "PYTHONHASHSEED": hash_seed}
+    environment = {**os.environ, "PYTHONHASHSEED": "4242"}
     done = subprocess.run([sys.executable, "-c", code], env=environment, check=True, capture_output=True, text=True)
     assert done.stdout.strip() == GOLDEN
 
@@ -213,15 +212,15 @@ def test_a_listed_suite_is_drawn_as_it_is_listed() -> None:
 def test_practice_never_equals_a_trial_of_a_draw() -> None:
     """Practice has the nominal window; its start follows from its seed, and a drawn start from the secret alone."""
     town = load_town("Town01")
-    for secret in (load_suite("wrong-command@2").id, *map(str, range(20))):
+    for secret in (load_suite("wrong-command@2").id, *map(str, range(4))):
         for trial in paper(secret).episodes:
             practice = draw_trial(town, trial.approach, trial.fault, trial.seed, route=trial.route)
             assert practice != trial
             assert practice.window is None
             assert practice.start != trial.start
-    drawn = {trial.start for secret in range(20) for trial in paper(str(secret)).episodes}
+    drawn = {trial.start for secret in range(4) for trial in paper(str(secret)).episodes}
     some = [
-        draw_trial(town, name, FaultKind.NONE, seed).start for name in sorted(town.approaches) for seed in range(200)
+        draw_trial(town, name, FaultKind.NONE, seed).start for name in sorted(town.approaches) for seed in range(50)
     ]
     assert drawn.isdisjoint(some)
 

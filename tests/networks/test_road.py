@@ -1,4 +1,4 @@
-"""What is road and what is not."""
+"""What is road and what is not, and where it bends: at the corners of the outer ring and nowhere else."""
 
 import math
 from itertools import pairwise
@@ -8,7 +8,7 @@ import pytest
 from shapely import LineString, Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from wrongturn_networks import Approach, Exit, Town
+from wrongturn_networks import Approach, Exit, Town, bends_of, load_town
 from wrongturn_protocol import JunctionType
 
 
@@ -43,16 +43,13 @@ def test_a_car_on_any_permitted_way_is_on_the_road(town: Town) -> None:
         for leaving in approach.exits.values():
             swept = LineString(_whole_way(town, approach, leaving)).buffer(0.95, cap_style="flat")
             assert swept.difference(town.road).area < 1e-9, (approach.id, leaving.direction)
+            wide = LineString(leaving.path).buffer(1.89, cap_style="flat")
+            assert wide.difference(town.road).area < 0.01, (approach.id, leaving.direction)
 
 
-def test_the_permitted_ways_are_road_to_either_side(town: Town) -> None:
-    for approach in town.approaches.values():
-        for leaving in approach.exits.values():
-            swept = LineString(leaving.path).buffer(1.89, cap_style="flat")
-            assert swept.difference(town.road).area < 0.01, (approach.id, leaving.direction)
-
-
-def test_the_road_has_no_slivers(town: Town) -> None:
+def test_the_road_has_no_slivers_and_no_sidewalk(town: Town) -> None:
+    assert town.sidewalks.is_valid
+    assert town.sidewalks.intersection(town.road).area < 1e-6
     assert town.road.is_valid
     assert [part for part in _parts(town.road) if part.area < 1000] == []
     blocks = [Polygon(hole) for part in _parts(town.road) for hole in part.interiors]
@@ -84,11 +81,6 @@ def test_the_sidewalks_at_a_missing_arm_are_no_road(town: Town) -> None:
         assert [town.road.covers(point) for point in across] == [True, False, False, False], approach.id
 
 
-def test_road_and_sidewalk_do_not_overlap(town: Town) -> None:
-    assert town.sidewalks.intersection(town.road).area < 1e-6
-    assert town.sidewalks.is_valid
-
-
 def test_a_junction_area_is_road_beyond_the_stop_lines(town: Town) -> None:
     for junction in town.junctions.values():
         assert junction.area.geom_type == "Polygon"
@@ -100,14 +92,10 @@ def test_a_junction_area_is_road_beyond_the_stop_lines(town: Town) -> None:
             assert junction.area.covers(_ahead(approach, 0.1))
 
 
-def test_junction_areas_are_apart(town: Town) -> None:
+def test_junction_areas_are_apart_and_differ_in_size(town: Town) -> None:
     areas = [junction.area for junction in town.junctions.values()]
     assert all(one.distance(other) > 15 for i, one in enumerate(areas) for other in areas[:i])
-
-
-def test_areas_differ_from_junction_to_junction(town: Town) -> None:
-    areas = sorted(junction.area.area for junction in town.junctions.values())
-    assert all(larger - smaller > 1 for smaller, larger in pairwise(areas))
+    assert all(larger - smaller > 1 for smaller, larger in pairwise(sorted(area.area for area in areas)))
 
 
 def test_the_road_is_as_wide_as_two_lanes(town: Town) -> None:
@@ -119,3 +107,33 @@ def test_the_road_is_as_wide_as_two_lanes(town: Town) -> None:
         sum(lane.polygon.area for lane in town.lanes.values()) + sum(j.area.area for j in town.junctions.values()),
         rel=0.001,
     )
+
+
+CORNERS = {
+    "Town01": [(0.0, 0.0), (394.4, 0.0), (394.4, 328.6), (0.0, 328.6)],
+    "Town02": [(0.0, 0.0), (197.2, 0.0), (197.2, 197.2), (0.0, 197.2)],
+    "junctions": [],
+}
+
+
+@pytest.mark.parametrize("name", sorted(CORNERS))
+def test_both_ways_round_every_corner(name: str) -> None:
+    town = load_town(name)
+    found = []
+    for lane in town.lanes.values():
+        line = LineString(lane.centreline)
+        for bend in bends_of(lane):
+            middle = line.interpolate((bend.begin + bend.end) / 2)
+            found.append(min(CORNERS[name], key=lambda corner: math.dist(corner, (middle.x, middle.y))))
+            assert math.dist(found[-1], (middle.x, middle.y)) < 8
+            assert bend.end - bend.begin == pytest.approx(10 * math.pi / 2, rel=0.35)  # a quarter of a circle
+    assert sorted(found) == sorted(2 * CORNERS[name])
+
+
+def test_a_lane_turns_within_its_bends_alone(town: Town) -> None:
+    for lane in town.lanes.values():
+        line = LineString(lane.centreline)
+        ends = [0.0, *(place for bend in bends_of(lane) for place in bend), line.length]
+        for begin, end in zip(ends[::2], ends[1::2], strict=True):
+            a, b = line.interpolate(begin), line.interpolate(end)
+            assert a.distance(b) == pytest.approx(end - begin, abs=0.01)

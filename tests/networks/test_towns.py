@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from typing import Any
 
 import numpy as np
 import pytest
@@ -123,17 +124,11 @@ def test_a_town_is_read_once(town: Town) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["", "town01", "Town03", "../towns/Town01", "Town01/", "Town01\n", "..", "/etc", "Town01\0", "%2e%2e"]
+    "name", ["", "town01", "../towns/Town01", "Town01/", "Town01\n", "..", "/etc", "Town01\0", "%2e", None, 1, [], {}]
 )
-def test_a_name_that_is_none_of_the_towns(name: str) -> None:
+def test_a_name_that_is_none_of_the_towns(name: Any) -> None:
     with pytest.raises(UnknownTownError, match=r"^town: .*Town01, Town02, junctions"):
         load_town(name)
-
-
-@pytest.mark.parametrize("name", [None, 1, [], {}])
-def test_a_town_that_is_not_even_a_name(name: object) -> None:
-    with pytest.raises(UnknownTownError):
-        load_town(name)  # type: ignore[arg-type]
 
 
 def test_an_unknown_approach_names_the_known() -> None:

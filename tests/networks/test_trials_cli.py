@@ -2,19 +2,19 @@
 
 import hashlib
 import json
-import os
-import subprocess
 import sys
+from collections.abc import Callable
 
 import pytest
 from typer.testing import CliRunner
 
-from wrongturn_client.cli import app
+from wrongturn_client.cli import app, main
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Trial
 
 SECRET = "a secret"
 COMMITMENT = hashlib.sha256(SECRET.encode()).hexdigest()
+OTHER = hashlib.sha256(b"another").hexdigest()
 
 
 def shown(*arguments: str) -> str:
@@ -24,13 +24,20 @@ def shown(*arguments: str) -> str:
     return result.stdout
 
 
-def refused(*arguments: str) -> tuple[int, str]:
-    """Return the exit status and the message of a refusal, as the program prints them."""
-    command = [sys.executable, "-m", "wrongturn_client", "trials", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "COLUMNS": "200"})
-    assert done.stdout == ""
-    assert done.stderr.count("\n") == 1
-    return done.returncode, done.stderr.rstrip()
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int, str]]:
+    """Return a function that gives the exit status and the message of a refusal, as the program prints them."""
+
+    def run(*arguments: str) -> tuple[int, str]:
+        monkeypatch.setattr(sys, "argv", ["wrongturn", "trials", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert printed.err.count("\n") == 1
+        return int(str(ended.value.code)), printed.err.rstrip()
+
+    return run
 
 
 def test_the_table_has_a_row_for_each_trial_with_its_twin() -> None:
@@ -84,17 +91,14 @@ def test_the_right_commitment_is_accepted(commitment: str) -> None:
     assert COMMITMENT in shown("smoke@2", "--secret", SECRET, "--commitment", commitment)
 
 
-@pytest.mark.parametrize("more", [(), ("--json",)])
-def test_another_commitment_fails_and_prints_no_trial(more: tuple[str, ...]) -> None:
-    other = hashlib.sha256(b"another").hexdigest()
-    status, message = refused("smoke@2", "--secret", SECRET, "--commitment", other, *more)
-    assert status == 1
-    assert message.startswith(f"wrongturn: commitment: the secret's SHA-256 is {COMMITMENT}, not {other}; ")
-
-
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [
+        (
+            ("smoke@2", "--secret", SECRET, "--commitment", OTHER),
+            1,
+            f"commitment: the secret's SHA-256 is {COMMITMENT}, not {OTHER}; ",
+        ),
         (("smoke@9",), 1, "suite: 'smoke@9' is not known; there are: navigation@1, smoke@2"),
         (("navigation@1", "--secret", "x"), 1, "secret: navigation@1 lists its trials and draws none; leave"),
         (("smoke@2", "--secret", ""), 1, "secret: is empty; give the evaluation's, or leave it out"),
@@ -106,6 +110,9 @@ def test_another_commitment_fails_and_prints_no_trial(more: tuple[str, ...]) -> 
         ),
     ],
 )
-def test_a_refusal_names_the_field_and_the_remedy(arguments: tuple[str, ...], status: int, message: str) -> None:
-    found, line = refused(*arguments)
-    assert (found, line[: len(f"wrongturn: {message}")]) == (status, f"wrongturn: {message}")
+def test_a_refusal_names_the_field_and_the_remedy_and_prints_no_trial(
+    refused: Callable[..., tuple[int, str]], arguments: tuple[str, ...], status: int, message: str
+) -> None:
+    for more in ((), ("--json",)):
+        found, line = refused(*arguments, *more)
+        assert (found, line[: len(f"wrongturn: {message}")]) == (status, f"wrongturn: {message}")

@@ -4,8 +4,6 @@ import pytest
 
 from wrongturn_protocol.reserved_names import looks_like, misleads
 
-OPERATORS = "it reads as if it were the operator's"
-
 
 @pytest.mark.parametrize(
     ("name", "shipped"),
@@ -28,18 +26,12 @@ def test_a_name_that_looks_like_a_shipped_one(name: str, shipped: str | None) ->
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("told", "names"),
     [
-        ("operator", OPERATORS),
-        ("0perat0r", OPERATORS),
-        ("Admin", OPERATORS),
-        ("ow_ae118531a1c30f924bef7819", "it reads like an id"),
-        ("AG-ae118531a1c3", "it reads like an id"),
-        ("ev_0123456789abcdef01234567", "it reads like an id"),
-        ("ag_robotics", None),
-        ("ep_2026", None),
-        ("admins", None),
+        ("it reads as if it were the operator's", ("operator", "0perat0r", "Admin")),
+        ("it reads like an id", ("ow_ae118531a1c30f924bef7819", "AG-ae118531a1c3", "ev_0123456789abcdef01234567")),
+        (None, ("ag_robotics", "ep_2026", "admins")),
     ],
 )
-def test_a_name_that_misleads(name: str, told: str | None) -> None:
-    assert misleads(name) == told
+def test_a_name_that_misleads(told: str | None, names: tuple[str, ...]) -> None:
+    assert {misleads(name) for name in names} == {told}
