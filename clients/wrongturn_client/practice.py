@@ -59,18 +59,9 @@ def step_reply(result: Result) -> dict[str, Any]:
 
 
 class Practice(Closing):
-    """Practice of one agent. It connects on first use, so you can make it in one process and use it in another.
+    """Practice of one agent with the arguments of an environment; raises ValueError for a wrong one.
 
-    Args:
-        options: The trials to draw: in a town (``Town01`` by default) or out of a suite's open split.
-        url: The service's URL; ``WRONGTURN_URL`` by default.
-        token: An agent's token; ``WRONGTURN_TOKEN`` by default. Without one, an agent for practice is registered.
-        patience: Seconds for which calls are repeated while the service is busy or does not answer.
-        transport: An httpx transport, for tests.
-        parallel: Calls at a time, at most.
-
-    Raises:
-        ValueError: The patience is not a number of seconds, or an option works in process only.
+    It connects on first use, so you can make it in one process and use it in another.
     """
 
     def __init__(

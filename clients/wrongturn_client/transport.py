@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from email.message import Message
 from pathlib import Path
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, TypeVar
 from urllib.parse import SplitResult, quote, urlsplit
 from urllib.request import getproxies, proxy_bypass
 
@@ -113,17 +113,6 @@ class Upload:
     """Called with the numbers of sent and of all bytes of the file."""
 
 
-class Connections(Protocol):
-    """Sends requests over connections that stay open."""
-
-    def exchange(self, method: str, path: str, headers: dict[str, str], content: bytes | None) -> Answer:
-        """Send a request and return its answer; raise OSError if none comes."""
-        ...
-
-    def close(self) -> None:
-        """Close all connections."""
-
-
 class PlainConnections:
     """Plain HTTP with the standard library; threads may share it."""
 
@@ -135,7 +124,7 @@ class PlainConnections:
         self._idle: deque[tuple[http.client.HTTPConnection, float]] = deque()
 
     def exchange(self, method: str, path: str, headers: dict[str, str], content: bytes | None) -> Answer:
-        """Send a request and return its answer."""
+        """Send a request and return its answer; raise OSError if none comes."""
         connection = self._take()
         try:
             connection.request(method, self._base + path, content, headers)
@@ -176,7 +165,7 @@ class HttpxConnections:
         self._client = httpx.Client(base_url=url, transport=transport, timeout=timeout)
 
     def exchange(self, method: str, path: str, headers: dict[str, str], content: bytes | None) -> Answer:
-        """Send a request and return its answer."""
+        """Send a request and return its answer; raise OSError if none comes."""
         return self._send(method, path, headers, content=content)
 
     def send_form(self, path: str, headers: dict[str, str], upload: Upload) -> Answer:
@@ -200,6 +189,9 @@ class HttpxConnections:
         except httpx.TransportError as error:
             raise ConnectionBrokeError(reason_of(error)) from error
         return Answer(response.status_code, response.content, response.headers)
+
+
+Connections = PlainConnections | HttpxConnections
 
 
 class _CountedFile(io.BufferedReader):
@@ -226,7 +218,9 @@ def is_proxied(url: SplitResult) -> bool:
     return url.scheme in getproxies() and not proxy_bypass(url.hostname or "")
 
 
-def connect(url: SplitResult, timeout: float, transport: httpx.BaseTransport | None = None) -> Connections:
+def connect(
+    url: SplitResult, timeout: float, transport: httpx.BaseTransport | None = None
+) -> PlainConnections | HttpxConnections:
     """Return the kind of connections that a URL needs; none is opened yet."""
     if transport is not None or url.scheme != "http" or is_proxied(url):
         return HttpxConnections(url.geturl(), timeout, transport)

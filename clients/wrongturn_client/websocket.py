@@ -28,8 +28,6 @@ from wrongturn_protocol.wire import PATH, SUBPROTOCOL
 
 _PIECE: Final = 1 << 18
 """Bytes read at a time, into memory that is kept: allocating it each time takes longer than reading."""
-_MASKS: Final = 4096
-"""Random bytes drawn at a time."""
 _SWITCHED: Final = b"HTTP/1.1 101 "
 _HEAD_END: Final = b"\r\n\r\n"
 _CLOSE_TIMEOUT: Final = 1.0
@@ -54,7 +52,6 @@ class WebSocketConnection:
         self._memory = memoryview(bytearray(_PIECE))
         self._begin = self._end = 0
         self._fragmented = False
-        self._masks, self._mask_at = b"", 0
         self._head = bytearray()
         target = url._replace(scheme="wss" if secure else "ws", path=url.path + PATH).geturl()
         self._protocol = ClientProtocol(parse_uri(target), subprotocols=[Subprotocol(SUBPROTOCOL)], max_size=None)
@@ -68,16 +65,8 @@ class WebSocketConnection:
         """Send a message; raise OSError if that fails."""
         if self._protocol.state is not State.OPEN:
             raise ConnectionBrokeError(self._why_closed())
-        mask = self._mask()
+        mask = os.urandom(4)
         self._socket.sendall(framing.head(len(data), masked=True) + mask + framing.apply_mask(data, mask))
-
-    def _mask(self) -> bytes:
-        """Return four unpredictable bytes; they are drawn for many messages at a time."""
-        if self._mask_at == len(self._masks):
-            self._masks, self._mask_at = os.urandom(_MASKS), 0
-        begin = self._mask_at
-        self._mask_at = end = begin + 4
-        return self._masks[begin:end]
 
     def receive(self) -> bytes | memoryview:
         """Return the next message, which is valid until the next call; raise OSError if that fails."""

@@ -52,7 +52,7 @@ def test_an_episode_from_reset_to_its_verdict(track: Track) -> None:
         assert begun["type"] == "observation"
         assert (begun["data"]["reward"], begun["data"]["done"]) == (None, False)
         for done in (False, False, True):
-            reply = _ask(socket, "step", **GAS)["data"]
+            reply = _ask(socket, "step", **GAS, metadata={})["data"]  # as OpenEnv's typed clients send it
             assert (reply["reward"], reply["done"]) == (1.5, done)
             assert observation_space(track).contains(decode(reply["observation"], track))
         state = _ask(socket, "state")["data"]
@@ -124,20 +124,14 @@ def test_who_leaves_ends_the_episode() -> None:
     [
         ("{", "INVALID_JSON", "no JSON"),
         ("[" * 100_000, "INVALID_JSON", "no JSON"),
-        ("[]", "VALIDATION_ERROR", "type and data"),
         ('{"data": {}}', "UNKNOWN_TYPE", "type"),
         ('{"type": "jump"}', "UNKNOWN_TYPE", "'jump'"),
-        ('{"type": "reset", "data": 1}', "VALIDATION_ERROR", "data"),
         ('{"type": "reset", "extra": 1}', "VALIDATION_ERROR", "extra"),
         ('{"type": "reset", "data": {"seed": -1}}', "VALIDATION_ERROR", "seed"),
-        ('{"type": "reset", "data": {"seed": "1"}}', "VALIDATION_ERROR", "seed"),
         ('{"type": "reset", "data": {"sed": 1}}', "VALIDATION_ERROR", "Did you mean seed?"),
-        ('{"type": "reset", "data": {"url": "http://elsewhere"}}', "VALIDATION_ERROR", "url"),
         ('{"type": "reset", "data": {"track": "sonar"}}', "VALIDATION_ERROR", "track: 'sonar'"),
-        ('{"type": "reset", "data": {"fault": 1}}', "VALIDATION_ERROR", "fault"),
         ('{"type": "reset", "data": {"fault": {"kind": "rain"}}}', "VALIDATION_ERROR", "fault"),
         ('{"type": "reset", "data": {"traffic": {"vehicles": -1}}}', "VALIDATION_ERROR", "vehicles"),
-        ('{"type": "reset", "data": {"trial": "t1"}}', "VALIDATION_ERROR", "suite"),
         ('{"type": "reset", "data": {"suite": "smoke@2", "town": "Town01"}}', "VALIDATION_ERROR", "suite"),
         ('{"type": "step"}', "VALIDATION_ERROR", "action.steer is missing"),
         ('{"type": "step", "data": {"steer": NaN, "throttle": 0, "brake": 0}}', "VALIDATION_ERROR", "action.steer"),
@@ -161,12 +155,6 @@ def test_bytes_are_no_message() -> None:
     with _server(FakeService()) as client, client.websocket_connect("/ws") as socket:
         socket.send_bytes(b"\x00")
         assert socket.receive_json()["data"]["code"] == "INVALID_JSON"
-
-
-def test_metadata_of_typed_clients_is_passed_over() -> None:
-    with _server(FakeService()) as client, client.websocket_connect("/ws") as socket:
-        _ask(socket, "reset")
-        assert _ask(socket, "step", **GAS, metadata={})["type"] == "observation"
 
 
 def test_steps_after_the_end_are_refused_until_the_next_reset() -> None:

@@ -36,13 +36,7 @@ class Way(Enum):
 
 @dataclass(frozen=True)
 class Answer:
-    """What a call came to, however it was made.
-
-    Attributes:
-        status: as HTTP has it.
-        fields: of the reply or problem, without the observation.
-        speed: what the observation has for it, where there is one.
-    """
+    """What a call came to, however it was made."""
 
     status: int
     fields: dict[str, Any] = field(default_factory=dict)
@@ -153,12 +147,7 @@ class Answers:
         return answers
 
     async def last_word(self, token: str, message: bytes | str | None = None) -> tuple[str, int]:
-        """What a message ends the agent's socket with: the problem's type, and the close's code.
-
-        Args:
-            token: whose socket.
-            message: what is sent; a good one over a socket that is open where None.
-        """
+        """What a message ends the agent's socket with: the problem's type, and the close's code."""
         if message is not None:
             # One that the service has not left behind by being started again.
             await self.batch(token, [("look", "none")])

@@ -25,19 +25,13 @@ class Agent:
 
 @dataclass(eq=False)
 class Evaluation:
-    """One of an agent's.
-
-    Attributes:
-        commitment: what it promised at its begin.
-        driven: whether a step was asked for.
-        rest: trials that had no verdict when it was closed.
-    """
+    """One of an agent's."""
 
     id: str
     agent: Agent
     commitment: str
-    driven: bool = False
-    rest: int = 0
+    driven: bool = False  # whether a step was asked for
+    rest: int = 0  # trials that had no verdict when it was closed
     episodes: "list[Episode]" = field(default_factory=list)
 
     @property
@@ -67,21 +61,13 @@ class Evaluation:
 
 @dataclass(eq=False)
 class Episode:
-    """One drive.
-
-    Attributes:
-        last: the last reply to its reset or a step.
-        state: ``open``, ``finished`` or ``lost``.
-        held: whether it has a simulator.
-        heard: when its agent was heard of last, by the leases' clock.
-        verdict: once it has one.
-    """
+    """One drive."""
 
     id: str
     agent: Agent
     evaluation: Evaluation | None
-    last: Answer
-    heard: float
+    last: Answer  # to its reset or a step
+    heard: float  # when its agent was heard of last, by the leases' clock
     actions: list[Action] = field(default_factory=list)
     state: str = "open"
     held: bool = True
@@ -113,13 +99,7 @@ class Episode:
         return None
 
     def step(self, agent: Agent, seq: int, action: Action) -> str:
-        """What a step comes to where simulators are free: ``taken``, ``repeat``, or the type of a problem.
-
-        Args:
-            agent: whose token comes with it.
-            seq: its number.
-            action: float32 numbers.
-        """
+        """What a step comes to where simulators are free: ``taken``, ``repeat``, or the type of a problem."""
         if seq < 1:
             return "validation"
         refusal = self.refusal(agent)
@@ -184,13 +164,7 @@ class World:
         return sum(episode.held for episode in self.episodes) == SLOTS
 
     def waits(self, agent: Agent, call: str, answer: Answer) -> bool:
-        """Whether a call that needs another simulator had to wait for it; holds the answer against the line.
-
-        Args:
-            agent: whose.
-            call: what it stands in the line for.
-            answer: what was said.
-        """
+        """Whether a call that needs another simulator had to wait for it; holds the answer against the line."""
         mine = {place for place in self.line if place[0] is agent}
         if answer.kind == "simulators-busy":
             assert self.full or self.line
