@@ -1,4 +1,4 @@
-"""Agents and their tokens, the tokens of runners, and the operator."""
+"""Who calls: owners, agents, the runners of submissions, and the operator. Tokens are stored as SHA-256 only."""
 
 from collections import OrderedDict
 from collections.abc import Iterable
@@ -14,7 +14,8 @@ from wrongturn_protocol import (
     SubmissionState,
     Track,
 )
-from wrongturn_service.errors import ForbiddenError, InvalidRequestError, NotFoundError, UnauthenticatedError
+from wrongturn_protocol.vocabulary import Collection
+from wrongturn_service.errors import ForbiddenError, InvalidRequestError, UnauthenticatedError, unknown
 from wrongturn_service.settings import Settings
 from wrongturn_service.storage.models import (
     AgentRow,
@@ -134,7 +135,7 @@ class Submitter:
 
 
 class Accounts:
-    """Agents and their tokens. Tokens are stored as SHA-256 only."""
+    """Owners and agents by their tokens."""
 
     def __init__(self, store: Store, submissions: SubmissionStore, settings: Settings) -> None:
         """Create the accounts. From now on they learn when a runner's token ends."""
@@ -143,44 +144,26 @@ class Accounts:
         submissions.token_ended = self._forget
         self._settings = settings
         self._callers: OrderedDict[str, Caller] = OrderedDict()
-        self._changes = 0
-
-    @property
-    def changes(self) -> int:
+        """Those who called last, by their ``Authorization`` header."""
+        self.changes = 0
         """Number of tokens that became invalid so far. While it is the same, known callers are still valid."""
-        return self._changes
-
-    async def agent_caller(self, authorization: str | None) -> Caller:
-        """Return the agent whose own token an ``Authorization`` header holds.
-
-        Raises:
-            UnauthenticatedError: There is no token, or no agent has it.
-            ForbiddenError: It is a runner's token.
-        """
-        caller = await self.caller(authorization)
-        caller.check_agent()
-        return caller
 
     async def caller(self, authorization: str | None) -> Caller:
-        """Return the agent, or the runner, whose token an ``Authorization`` header holds.
+        """Return the agent, or the runner, whose token an ``Authorization`` header holds. Raises UnauthenticatedError.
 
         A runner's token is valid only for its submission: the call has to check it.
-
-        Raises:
-            UnauthenticatedError: There is no token, or nobody has it.
         """
-        token_sha256 = digest(bearer(authorization))
-        found = self._callers.get(token_sha256)
+        found = self._callers.get(authorization or "")
         if found is None:
-            changes = self._changes
-            found = await self._find(token_sha256)
+            changes = self.changes
+            found = await self._find(digest(bearer(authorization)))
             if found is None:
                 raise UnauthenticatedError(
                     "no agent has this token; it may have been rotated or revoked, or is an owner's"
                 )
             # If a token changed while this was read, the result is good for this call only.
-            if changes == self._changes:
-                self._callers[token_sha256] = found
+            if changes == self.changes and authorization is not None:
+                self._callers[authorization] = found
             while len(self._callers) > _CACHED:
                 self._callers.popitem(last=False)
         return found
@@ -199,12 +182,7 @@ class Accounts:
         return Caller(row.agent_id, Track(row.track), row.owner_id, row.id, row.evaluation_id)
 
     async def submitter(self, authorization: str | None) -> Submitter:
-        """Return who calls about submissions.
-
-        Raises:
-            UnauthenticatedError: There is no token, or nobody has it.
-            ForbiddenError: It is a runner's token.
-        """
+        """Return who calls about submissions. Raises UnauthenticatedError; ForbiddenError for a runner's token."""
         if self.is_operator(authorization):
             return Submitter(None)
         holder = await self.holder(authorization)
@@ -233,7 +211,7 @@ class Accounts:
 
     def is_operator(self, authorization: str | None) -> bool:
         """Return whether an ``Authorization`` header holds the operator's token."""
-        if authorization is None or not self._settings.operator.required:
+        if authorization is None or not self.has_operator:
             return False
         scheme, _, token = authorization.partition(" ")
         return scheme.lower() == "bearer" and self._settings.operator.is_(token.strip())
@@ -241,9 +219,7 @@ class Accounts:
     async def operator(self, authorization: str | None) -> str:
         """Return who calls as the operator: with the first digits of the SHA-256 of its token, which tell tokens apart.
 
-        Raises:
-            UnauthenticatedError: There is no token, or nobody has it.
-            ForbiddenError: It is another's token.
+        Raises UnauthenticatedError; ForbiddenError for another's token.
         """
         token = bearer(authorization)
         if self.is_operator(authorization):
@@ -255,46 +231,64 @@ class Accounts:
         """Return an agent. Raises NotFoundError."""
         row = await self._store.agent(agent_id)
         if row is None:
-            raise unknown_agent(agent_id)
+            raise unknown(Collection.AGENTS, agent_id)
+        return row
+
+    async def owner(self, owner_id: str) -> OwnerRow:
+        """Return an owner. Raises NotFoundError."""
+        row = await self._store.owner(owner_id)
+        if row is None:
+            raise unknown(Collection.OWNERS, owner_id)
         return row
 
     async def shown_agent(self, agent_id: str, authorization: str | None = None) -> AgentRow:
         """Return an agent to everybody; a hidden one to itself, its owner and the operator. Raises NotFoundError."""
         row = await self.agent(agent_id)
-        if row.unseen and not await self.holds(authorization, row.id, row.owner_id):
-            raise unknown_agent(agent_id)
+        if row.unseen and not await self.holds(authorization, row):
+            raise unknown(Collection.AGENTS, agent_id)
         return row
 
-    async def owns(self, authorization: str | None, agent_id: str) -> bool:
-        """Return whether an ``Authorization`` header holds an agent's token, its owner's or the operator's."""
-        row = await self._store.agent(agent_id)
-        return row is not None and await self.holds(authorization, row.id, row.owner_id)
+    async def shown_owner(self, owner_id: str, authorization: str | None) -> OwnerRow:
+        """Return an owner to everybody; a hidden one to itself and the operator. Raises NotFoundError."""
+        row = await self.owner(owner_id)
+        if row.hidden and not await self.holds(authorization, row):
+            raise unknown(Collection.OWNERS, owner_id)
+        return row
 
-    async def holds(self, authorization: str | None, *holders: str) -> bool:
-        """Return whether an ``Authorization`` header holds the token of one of these, or the operator's."""
-        if authorization is None:
-            return False
+    async def holds(self, authorization: str | None, row: OwnerRow | AgentRow) -> bool:
+        """Return whether a header holds the token of an owner, of an agent or its owner, or the operator's."""
         try:
-            return self.is_operator(authorization) or (await self.holder(authorization)).id in holders
+            return self.is_operator(authorization) or (await self.holder(authorization)).id in _holders(row)
         except (UnauthenticatedError, ForbiddenError):
             return False
 
-    async def owned_agent(self, agent_id: str, authorization: str | None) -> AgentRow:
-        """Return an agent to itself, its owner or the operator.
+    async def owns(self, authorization: str | None, agent_id: str) -> bool:
+        """Return whether a header holds an agent's token, its owner's or the operator's."""
+        row = await self._store.agent(agent_id)
+        return row is not None and await self.holds(authorization, row)
 
-        Raises:
-            UnauthenticatedError, ForbiddenError, NotFoundError.
+    async def own(self, collection: Collection, item_id: str, authorization: str | None) -> OwnerRow | AgentRow:
+        """Return an owner or an agent to itself, its owner or the operator.
+
+        Raises UnauthenticatedError, ForbiddenError, NotFoundError.
         """
-        holder = None if self.is_operator(authorization) else (await self.holder(authorization)).id
-        row = await self.agent(agent_id)
-        if holder is not None and holder not in {row.id, row.owner_id}:
-            raise ForbiddenError(f"this is neither the token of agent {agent_id} nor its owner's")
+        caller = None if self.is_operator(authorization) else (await self.holder(authorization)).id
+        row = await (self.owner if collection is Collection.OWNERS else self.agent)(item_id)
+        if caller is not None and caller not in _holders(row):
+            others = "or the operator's" if isinstance(row, OwnerRow) else "its owner's, or the operator's"
+            raise ForbiddenError(
+                f"this is not the token of {collection.one} {item_id}; send this {collection.one}'s own token, {others}"
+            )
         return row
 
-    async def set_token(self, agent_id: str, token: str | None, reply: IdempotencyRow | None = None) -> None:
-        """Replace an agent's token. None revokes it."""
-        await self._store.set_token(agent_id, None if token is None else digest(token), reply)
-        await self._forget(agent_id)
+    async def set_token(self, row: OwnerRow | AgentRow, token: str | None, reply: IdempotencyRow | None = None) -> None:
+        """Replace the token of an owner or an agent. None revokes it."""
+        token_sha256 = None if token is None else digest(token)
+        if isinstance(row, OwnerRow):
+            await self._store.set_owner_token(row.id, token_sha256, reply)
+        else:
+            await self._store.set_token(row.id, token_sha256, reply)
+            await self._forget(row.id)
 
     async def renew(self, reply: IdempotencyRow) -> str:
         """Return a new token in place of the one that a stored reply had, which ends."""
@@ -310,10 +304,15 @@ class Accounts:
 
     async def _forget(self, holder: str) -> None:
         """Forget whose tokens are known, and look at each connection's token again."""
-        self._changes += 1
+        self.changes += 1
         for known, caller in list(self._callers.items()):
             if caller.holder == holder:
                 del self._callers[known]
+
+
+def _holders(row: OwnerRow | AgentRow) -> set[str]:
+    """Return the ids of those to whom an owner or an agent belongs."""
+    return {row.id} if isinstance(row, OwnerRow) else {row.id, row.owner_id}
 
 
 def bearer(authorization: str | None) -> str:
@@ -326,11 +325,6 @@ def bearer(authorization: str | None) -> str:
             "an agent's from POST /v1/agents; /openapi.json says which a call takes"
         )
     return token
-
-
-def unknown_agent(agent_id: str) -> NotFoundError:
-    """Return the error for calls on an agent that does not exist, or that is hidden from the caller."""
-    return NotFoundError(ProblemType.UNKNOWN_AGENT, f"there is no agent {agent_id[:64]!r}")
 
 
 def detail(row: AgentRow) -> AgentDetail:

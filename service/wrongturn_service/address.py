@@ -2,7 +2,6 @@
 
 import errno
 import socket
-import sys
 
 _BACKLOG = 2048
 _IDLE_S = 30
@@ -34,7 +33,16 @@ def bind(host: str, port: int, patience_s: float = 30.0) -> socket.socket:
         raise AddressError(f"--host {host}: {error.strerror or error}; name an address of this machine") from error
     try:
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        _notice_the_dead(bound, patience_s)
+        # The kernel closes connections whose peer has vanished. Accepted connections inherit this.
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in (
+            (socket.TCP_KEEPIDLE, _IDLE_S),
+            (socket.TCP_KEEPINTVL, _IDLE_S // _PROBES),
+            (socket.TCP_KEEPCNT, _PROBES),
+            # Without this, unread bytes keep a connection for a quarter of an hour, even a closed one.
+            (socket.TCP_USER_TIMEOUT, round(1000 * patience_s)),
+        ):
+            bound.setsockopt(socket.IPPROTO_TCP, option, value)
         bound.bind(address)
         bound.listen(_BACKLOG)
     except OSError as error:
@@ -49,14 +57,3 @@ def bind(host: str, port: int, patience_s: float = 30.0) -> socket.socket:
             ) from error
         raise AddressError(f"--host {host} --port {port}: {error.strerror or error}") from error
     return bound
-
-
-def _notice_the_dead(listening: socket.socket, patience_s: float) -> None:
-    """Let the kernel close connections whose peer has vanished. Accepted connections inherit this."""
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    if sys.platform == "linux":
-        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, _IDLE_S)
-        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, _IDLE_S // _PROBES)
-        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, _PROBES)
-        # Without this, unread bytes keep a connection for a quarter of an hour, even a closed one.
-        listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1000 * patience_s))

@@ -3,29 +3,26 @@
 import asyncio
 
 import structlog
+from starlette.requests import HTTPConnection
 
-from wrongturn_protocol import ProblemType
 from wrongturn_protocol.administration import Contents, Deletion
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.accounts import Accounts
 from wrongturn_service.cache import Cache
+from wrongturn_service.client_address import address_of
 from wrongturn_service.episodes.closings import Closings
-from wrongturn_service.errors import ForbiddenError, InvalidRequestError, NotFoundError
+from wrongturn_service.errors import ForbiddenError, InvalidRequestError, unknown
 from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.registration import SHIPPED
 from wrongturn_service.replays import Replays
-from wrongturn_service.storage.administration import AdministrationStore, Found, Item
+from wrongturn_service.storage.administration import AdministrationStore, Found
 from wrongturn_service.storage.audit import Act
-from wrongturn_service.storage.models import EvaluationRow, OwnerRow
+from wrongturn_service.storage.models import AgentRow, OwnerRow, SubmissionRow
 from wrongturn_service.submissions.operations import Submissions
 
 
 class Administration:
-    """Changes what others own. Every change is in the audit log.
-
-    Attributes:
-        rows: The database, with the audit log.
-    """
+    """Changes what others own. Every change is in the audit log. ``rows`` is the database."""
 
     def __init__(
         self,
@@ -57,13 +54,8 @@ class Administration:
     async def hide(self, collection: Collection, item_id: str, act: Act, *, hidden: bool) -> int:
         """Hide an item from everybody but its owner and the operator, or show it again. Safe to call again.
 
-        Returns:
-            1 if that has changed anything, else 0.
-
-        Raises:
-            NotFoundError: There is no such item.
-            InvalidRequestError: It is a submission, which is never public.
-            ForbiddenError: It is the owner of the shipped agents.
+        Return 1 if that has changed anything, else 0. Raises NotFoundError; InvalidRequestError for a submission, which
+        is never public; ForbiddenError for the owner of the shipped agents.
         """
         if collection is Collection.SUBMISSIONS:
             raise InvalidRequestError("collection", "submissions are never public; hide the agent or its evaluation")
@@ -75,14 +67,9 @@ class Administration:
         return changed
 
     async def revoke(self, collection: Collection, item_id: str, act: Act) -> int:
-        """End an agent's token, or those of an owner and its agents. Safe to call again.
+        """End an agent's token, or those of an owner and its agents; return how many ended. Safe to call again.
 
-        Returns:
-            The number of tokens that ended.
-
-        Raises:
-            NotFoundError: There is no such item.
-            InvalidRequestError: It is neither an owner nor an agent.
+        Raises NotFoundError; InvalidRequestError for what is neither an owner nor an agent.
         """
         if collection not in {Collection.OWNERS, Collection.AGENTS}:
             raise InvalidRequestError("collection", f"{collection} have no tokens; revoke those of owners or agents")
@@ -96,15 +83,9 @@ class Administration:
     async def delete(self, collection: Collection, item_id: str, act: Act, *, free: bool) -> Deletion:
         """Delete an item with all that hangs on it, and end what runs of it. Safe to call again.
 
-        Args:
-            collection: Kind of the item.
-            item_id: Id of the item.
-            act: Who deletes it.
-            free: Give back names and places on suites. Otherwise they stay taken.
+        Names and places on suites stay taken, unless ``free`` gives them back.
 
-        Raises:
-            NotFoundError: There is no such item, and never was one.
-            ForbiddenError: It is the owner of the shipped agents.
+        Raises NotFoundError if there never was such an item; ForbiddenError for the owner of the shipped agents.
         """
         if "\0" in item_id:
             raise unknown(collection, item_id)
@@ -136,27 +117,20 @@ class Administration:
         self._log.warning("deleted", kind=collection.one, id=item_id, **counts.model_dump(exclude_defaults=True))
         return Deletion(id=item_id, name=deleted.name, deleted=counts, held=deleted.held)
 
+    async def act_of(self, request: HTTPConnection, reason: str | None = None) -> Act:
+        """Return who acts as the operator, and from where. Raises UnauthenticatedError, ForbiddenError."""
+        return Act(await self._accounts.operator(request.headers.get("authorization")), address_of(request), reason)
+
     async def note(
-        self, authorization: str | None, address: str, action: AuditAction, collection: Collection, row: Item
+        self,
+        request: HTTPConnection,
+        action: AuditAction,
+        collection: Collection,
+        row: OwnerRow | AgentRow | SubmissionRow,
     ) -> None:
-        """Write down what the operator did by a call that others have too. Calls of others are not written down.
-
-        Args:
-            authorization: The caller's ``Authorization`` header.
-            address: The caller's address.
-            action: What was done.
-            collection: What the target is.
-            row: The target, an owner, an agent or a submission.
-        """
-        if not self._accounts.is_operator(authorization) or isinstance(row, EvaluationRow):
-            return
-        act = Act(await self._accounts.operator(authorization), address)
-        await self.rows.note(act, action, collection, row, row.name)
-
-
-def unknown(collection: Collection, item_id: str) -> NotFoundError:
-    """Return the error for an item that does not exist."""
-    return NotFoundError(ProblemType(f"unknown-{collection.one}"), f"there is no {collection.one} {item_id[:64]!r}")
+        """Write down what the operator did by a call that others have too. Calls of others are not written down."""
+        if self._accounts.is_operator(request.headers.get("authorization")):
+            await self.rows.note(await self.act_of(request), action, collection, row, row.name)
 
 
 def _check_not_shipped(found: Found) -> None:

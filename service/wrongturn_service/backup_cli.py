@@ -10,8 +10,7 @@ from typing import Annotated, Final
 
 import typer
 
-from wrongturn_service.cli import read_settings
-from wrongturn_service.extra import require_server
+from wrongturn_service.cli import read_settings, require_server
 
 _STREAM: Final = Path("-")
 

@@ -72,42 +72,27 @@ def _practice_trial(request: PracticeRequest) -> Trial:
         of, wanted = suite(request.suite), request.trial
         return _find(lambda: of.trial(wanted), "trial", ProblemType.UNKNOWN_TRIAL)
     assert request.town is not None
-    where, approach = town(request.town), request.approach
+    where, approach, seed = town(request.town), request.approach, request.seed
     if approach is not None:
         _find(lambda: where.approach(approach), "approach", ProblemType.UNKNOWN_APPROACH)
-    if request.task is not None:
-        return _journey(where, request.task, request)
-    assert approach is not None
+    weather, traffic = request.weather, request.traffic
     try:
-        trial = draw_trial(
-            where,
-            approach,
-            request.fault,
-            request.seed,
-            route=request.route,
-            weather=request.weather,
-            traffic=request.traffic,
-        )
+        if request.task is Task.CRUISE:
+            return draw_cruise(where, np.random.default_rng(seed), weather=weather, traffic=traffic)
+        if request.task is not None:
+            return draw_journey(where, request.task, seed, approach=approach, weather=weather, traffic=traffic)
+        assert approach is not None
+        trial = draw_trial(where, approach, request.fault, seed, route=request.route, weather=weather, traffic=traffic)
         check_fault(trial)
-        return trial
+    except NoJourneyError as error:
+        raise InvalidRequestError("task", str(error)) from error
     except RouteNotAvailableError as error:
         raise InvalidRequestError("route", str(error)) from error
     except FaultNotApplicableError as error:
         raise InvalidRequestError("fault", str(error), ProblemType.FAULT_NOT_APPLICABLE) from error
     except NetworkError as error:
         raise InvalidRequestError("approach", str(error)) from error
-
-
-def _journey(where: Town, task: Task, request: PracticeRequest) -> Trial:
-    weather, traffic = request.weather, request.traffic
-    if task is Task.CRUISE:
-        return draw_cruise(where, np.random.default_rng(request.seed), weather=weather, traffic=traffic)
-    try:
-        return draw_journey(where, task, request.seed, weather=weather, traffic=traffic, approach=request.approach)
-    except NoJourneyError as error:
-        raise InvalidRequestError("task", str(error)) from error
-    except NetworkError as error:
-        raise InvalidRequestError("approach", str(error)) from error
+    return trial
 
 
 def _find(look: Callable[[], _T], path: str, kind: ProblemType) -> _T:

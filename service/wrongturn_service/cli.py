@@ -2,21 +2,22 @@
 
 import gc
 import os
+import re
 import signal
 import sys
 import threading
 from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from wrongturn_service.extra import REMEDY, missing_packages, require_server
-
 if TYPE_CHECKING:
     from wrongturn_service.settings import Settings
 
 _USAGE = 2
+_REMEDY: Final = "pip install 'wrongturn-service[server]'"
 _ENDS_WITH_PARENT: Final = "WRONGTURN_ENDS_WITH_PARENT"
 """Environment variable that ``wrongturn_client.LocalService`` sets."""
 
@@ -116,7 +117,7 @@ def _await_end(pipe: int) -> None:
 def checks() -> Iterator[tuple[str, bool, str, str]]:
     """Yield each check as its name, whether it passed, what it found, and the remedy if it failed."""
     if missing_packages():
-        yield "service", True, f"not installed; to run one: {REMEDY}", ""
+        yield "service", True, f"not installed; to run one: {_REMEDY}", ""
         return
     from pydantic import ValidationError  # noqa: PLC0415
 
@@ -158,21 +159,17 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
         yield "simulators", False, str(error), remedy
     except TooLittleMemoryError as error:
         yield "simulators", False, str(error), "lower WRONGTURN_SIMULATORS or add memory"
-    yield _submissions(settings)
-
-
-def _submissions(settings: "Settings") -> tuple[str, bool, str, str]:
-    """Check that models which are handed in have a sandbox."""
     from wrongturn_sandbox import SandboxUnavailableError, probe  # noqa: PLC0415
     from wrongturn_service.submissions.availability import TURNED_OFF  # noqa: PLC0415
 
     if settings.submissions == 0:
-        return "submissions", True, f"off: {TURNED_OFF}", ""
+        yield "submissions", True, f"off: {TURNED_OFF}", ""
+        return
     try:
-        return "submissions", True, f"on: {probe(settings.runner_socket)}", ""
+        yield "submissions", True, f"on: {probe(settings.runner_socket)}", ""
     except SandboxUnavailableError as error:
         remedy = "without a sandbox the service refuses submissions; WRONGTURN_SUBMISSIONS=0 turns them off"
-        return "submissions", False, str(error), remedy
+        yield "submissions", False, str(error), remedy
 
 
 def _simulator(settings: "Settings") -> str:
@@ -181,18 +178,40 @@ def _simulator(settings: "Settings") -> str:
     from wrongturn_service.simulators.check import TooLittleMemoryError, examine  # noqa: PLC0415
 
     cache = set_cache()
-    before = _files(cache)
+
+    def compiled() -> set[tuple[Path, int]]:
+        return {(file, file.stat().st_mtime_ns) for file in cache.rglob("*") if file.is_file()}
+
+    before = compiled()
     try:
         found = examine(settings)
     except TooLittleMemoryError:
-        if _files(cache) == before:
+        if compiled() == before:
             raise
-    else:
-        if _files(cache) == before:
-            return found
-    return examine(settings)
+        return examine(settings)
+    return found if compiled() == before else examine(settings)
 
 
-def _files(folder: Path) -> set[tuple[Path, int]]:
-    """Return the files below a folder with their times of change."""
-    return {(file, file.stat().st_mtime_ns) for file in folder.rglob("*") if file.is_file()}
+def missing_packages() -> list[str]:
+    """Return the packages of the extra ``server``, which the simulation alone does not need, that are not installed."""
+    return [name for name in _packages() if not _installed(name)]
+
+
+def _packages() -> list[str]:
+    wanted = [line for line in requires("wrongturn-service") or () if re.search(r"""extra == ["']server["']""", line)]
+    return [re.split(r"[^\w.-]", line)[0] for line in wanted]
+
+
+def _installed(name: str) -> bool:
+    try:
+        return bool(version(name))
+    except PackageNotFoundError:
+        return False
+
+
+def require_server(command: str) -> None:
+    """Check that the extra ``server`` is installed. If it is not, say what is missing and exit with status 1."""
+    missing = missing_packages()
+    if missing:
+        typer.echo(f"{command}: {', '.join(missing)}: not installed; {_REMEDY}", err=True)
+        raise typer.Exit(1)

@@ -52,13 +52,15 @@ class Reply:
         observation = self.observation
         if encoding is not self.encoding:
             observation = _transcode(observation, self.track, self.encoding, encoding)
-        match encoding:
-            case Encoding.JSON:
-                return _json(self, observation)
-            case Encoding.MSGPACK:
-                return _msgpack(self, observation)
-            case Encoding.RAW:
-                return b"".join(self._raw(observation))
+        if encoding is Encoding.RAW:
+            return b"".join(self._raw(observation))
+        if encoding is Encoding.JSON:
+            head, tail = orjson.dumps(dict(self.head)), orjson.dumps(dict(self.tail))
+            return b"".join((head[:-1], _OBSERVATION_JSON, observation, b",", tail[1:]))
+        # The first byte of a map counts its pairs; the rest are these.
+        pairs = len(self.head) + 1 + len(self.tail)
+        head, tail = msgpack.packb(dict(self.head)), msgpack.packb(dict(self.tail))
+        return b"".join((bytes([_MAP | pairs]), head[1:], _OBSERVATION_MSGPACK, observation, tail[1:]))
 
     def pieces(self) -> tuple[bytes, bytes]:
         """Return the result for ``WS /v1/drive`` in two pieces. The second is the observation, not copied."""
@@ -100,67 +102,36 @@ def step_reply(
     verdict: Verdict | None,
 ) -> Reply:
     """Return the reply to a step. It leaves out reward and verdict if they are None."""
-    tail = step_tail(terminated=terminated, truncated=truncated, reward=reward, verdict=verdict)
-    return Reply(seq, observation, encoding, track, (("seq", seq),), tail)
-
-
-def step_tail(
-    *, terminated: bool, truncated: bool, reward: float | None, verdict: Verdict | None
-) -> tuple[tuple[str, object], ...]:
-    """Return the fields after the observation of a step's reply, see :func:`step_reply`."""
     tail: tuple[tuple[str, object], ...] = (("terminated", terminated), ("truncated", truncated))
     if reward is not None:
         tail += (("reward", reward),)
     if verdict is not None:
         tail += (("verdict", verdict.value),)
-    return tail
+    return Reply(seq, observation, encoding, track, (("seq", seq),), tail)
 
 
 _OBSERVATION_JSON: Final = b',"observation":'
 _OBSERVATION_MSGPACK: Final = msgpack.packb("observation")
-
-
-def _json(reply: Reply, observation: bytes) -> bytes:
-    head, tail = orjson.dumps(dict(reply.head)), orjson.dumps(dict(reply.tail))
-    return b"".join((head[:-1], _OBSERVATION_JSON, observation, b",", tail[1:]))
-
-
-def _msgpack(reply: Reply, observation: bytes) -> bytes:
-    packer = msgpack.Packer(autoreset=False)
-    packer.pack_map_header(len(reply.head) + 1 + len(reply.tail))
-    for key, value in reply.head:
-        packer.pack(key)
-        packer.pack(value)
-    head = packer.bytes()
-    packer.reset()
-    for key, value in reply.tail:
-        packer.pack(key)
-        packer.pack(value)
-    return b"".join((head, _OBSERVATION_MSGPACK, observation, packer.bytes()))
+_MAP: Final = 0x80
+"""First byte of a map of msgpack, with the number of its pairs: at most 15."""
 
 
 def _transcode(observation: bytes, track: Track, source: Encoding, encoding: Encoding) -> bytes:
     # Rare: a reply is asked for again in another encoding. Only then numpy and gymnasium are imported.
-    from wrongturn_protocol import observations  # noqa: PLC0415
-    from wrongturn_protocol import wire as blocks  # noqa: PLC0415
+    from wrongturn_protocol import observations, wire  # noqa: PLC0415
 
-    match source:
-        case Encoding.JSON:
-            arrays = observations.decode(orjson.loads(observation), track)
-        case Encoding.MSGPACK:
-            arrays = observations.decode(msgpack.unpackb(observation), track)
-        case Encoding.RAW:
-            arrays = blocks.arrays(observation)
-    return encoded(arrays, track, encoding)
+    if source is Encoding.RAW:
+        return encoded(wire.arrays(observation), track, encoding)
+    unpack = orjson.loads if source is Encoding.JSON else msgpack.unpackb
+    return encoded(observations.decode(unpack(observation), track), track, encoding)
 
 
 def encoded(observation: "Observation", track: Track, encoding: Encoding) -> bytes:
     """Encode an observation's arrays."""
-    from wrongturn_protocol import observations  # noqa: PLC0415
-    from wrongturn_protocol import wire as blocks  # noqa: PLC0415
+    from wrongturn_protocol import observations, wire  # noqa: PLC0415
 
     if encoding is Encoding.RAW:
-        return blocks.block(observation, track)
+        return wire.block(observation, track)
     binary = encoding is Encoding.MSGPACK
     message = observations.encode(observation, track, binary=binary)
     packed: bytes = msgpack.packb(message) if binary else orjson.dumps(message)

@@ -19,6 +19,7 @@
 from collections.abc import Mapping, Sequence
 
 from wrongturn_protocol import FieldError, Problem, ProblemType
+from wrongturn_protocol.vocabulary import Collection
 
 
 class StartupError(Exception):
@@ -136,3 +137,8 @@ class UnavailableError(ServiceError):
 def title(kind: ProblemType) -> str:
     """Return a problem type's title."""
     return kind.value.replace("-", " ").capitalize()
+
+
+def unknown(collection: Collection, item_id: str) -> NotFoundError:
+    """Return the error for an item that does not exist, or that is hidden from the caller."""
+    return NotFoundError(ProblemType(f"unknown-{collection.one}"), f"there is no {collection.one} {item_id[:64]!r}")

@@ -7,7 +7,7 @@ import asyncio
 import contextlib
 import hashlib
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from weakref import WeakValueDictionary
 
@@ -21,38 +21,41 @@ HEADER = "Idempotency-Key"
 _LONGEST = 255
 
 
+class StoredReplyError(Exception):
+    """The request was answered before under its key; that reply is sent again."""
+
+    def __init__(self, stored: IdempotencyRow) -> None:
+        super().__init__("answered before")
+        self.stored = stored
+
+
 @dataclass(frozen=True)
 class IdempotentRequest:
-    """A request with its key.
+    """A request with its key, or without one.
 
     Attributes:
-        stored: The stored reply if the request was answered before.
         key: The client's key. None if it sent none; then no reply is stored.
         scope: Whose key it is.
         fingerprint: SHA-256 of the request.
     """
 
-    stored: IdempotencyRow | None
     key: str | None
     scope: str
     fingerprint: str
 
-    def remember(
-        self, status: int, content_type: str, *, with_token: bool = False
-    ) -> Callable[[bytes], IdempotencyRow] | None:
-        """Return a function that makes the row to store from a reply's body. None without a key.
+    def row(self, body: bytes, status: int, media: str, *, with_token: bool = False) -> IdempotencyRow | None:
+        """Return the row to store for a reply. None without a key.
 
         ``with_token``: the reply also has a token, without which the body is stored.
         """
-        key = self.key
-        if key is None:
+        if self.key is None:
             return None
-        return lambda body: IdempotencyRow(
+        return IdempotencyRow(
             scope=self.scope,
-            key_sha256=digest(key),
+            key_sha256=digest(self.key),
             request_sha256=self.fingerprint,
             status=status,
-            content_type=content_type,
+            content_type=media,
             body=body,
             with_token=with_token,
             created=time.time(),
@@ -82,30 +85,26 @@ class Idempotency:
             line: What the look-up waits for.
 
         Raises:
+            StoredReplyError: The request was answered before.
             InvalidRequestError: The key has a wrong form.
             ServiceError: The key was used for another request.
         """
         fingerprint = hashlib.sha256(call.encode("utf-8", "surrogatepass") + b"\n" + body).hexdigest()
         if key is None:
-            yield IdempotentRequest(None, None, scope, fingerprint)
+            yield IdempotentRequest(None, scope, fingerprint)
             return
         if not (0 < len(key) <= _LONGEST and key.isascii() and key.isprintable()):
             raise InvalidRequestError(
                 HEADER, f"has to be 1 to {_LONGEST} printable ASCII characters; use a random UUID"
             )
-        name = (scope, key)
-        lock = self._locks.get(name)
-        if lock is None:
-            lock = self._locks[name] = asyncio.Lock()
-        async with lock:
+        async with self._locks.setdefault((scope, key), asyncio.Lock()):
             async with line or contextlib.nullcontext():
                 stored = await self._store.reply(scope, digest(key))
-            if stored is not None and stored.request_sha256 != fingerprint:
+            if stored is not None and stored.request_sha256 == fingerprint:
+                raise StoredReplyError(stored)
+            if stored is not None:
                 message = "was used for another request; use a new key for each request"
-                raise ServiceError(
-                    ProblemType.IDEMPOTENCY_KEY_REUSED,
-                    f"{HEADER}: {message}",
-                    status=422,
-                    errors=[FieldError(path=HEADER, message=message)],
-                )
-            yield IdempotentRequest(stored, key, scope, fingerprint)
+                errors = [FieldError(path=HEADER, message=message)]
+                kind = ProblemType.IDEMPOTENCY_KEY_REUSED
+                raise ServiceError(kind, f"{HEADER}: {message}", status=422, errors=errors)
+            yield IdempotentRequest(key, scope, fingerprint)

@@ -1,6 +1,6 @@
 """What this machine gives the service: processors, memory and a gateway. In a container, its cgroup's limits count.
 
-Both versions of cgroups are read. A process sees its own cgroup and those above it; each may have a limit.
+A process sees its own cgroup (version 2) and those above it; each may have a limit.
 """
 
 import os
@@ -31,24 +31,21 @@ class Machine:
     def processors(self) -> int:
         """Return how many processors this process may keep busy, at least 1. A part of a processor does not count."""
         counts = [len(os.sched_getaffinity(0))]
-        for group in self._groups("cpu"):
-            quota, period = (_read(group / "cpu.max") or "max 1").split()  # version 2
-            if quota == "max":
-                quota = _read(group / "cpu.cfs_quota_us") or "-1"
-                period = _read(group / "cpu.cfs_period_us") or "1"
-            if int(quota) > 0:
+        for group in self._groups():
+            quota, period = (_read(group / "cpu.max") or "max 1").split()
+            if quota != "max":
                 counts.append(int(quota) // int(period))
         return max(1, min(counts))
 
     def memory(self) -> int:
         """Return the memory that this process and its children may use in all, bytes; 0 if the kernel does not tell."""
-        limits = [limit for group in self._groups("memory") if (limit := _limit(group))]
+        limits = [limit for group in self._groups() if (limit := _limit(group))]
         return min(filter(None, (self._meminfo("MemTotal"), *limits)), default=0)
 
     def available_memory(self) -> int:
         """Return the memory that new processes can use, bytes; 0 if the kernel does not tell."""
         available = self._meminfo("MemAvailable")
-        left = [max(1, limit - _used(group)) for group in self._groups("memory") if (limit := _limit(group))]
+        left = [max(1, limit - _used(group)) for group in self._groups() if (limit := _limit(group))]
         return min(filter(None, (available, *left)), default=0)
 
     def simulators(self) -> int:
@@ -68,20 +65,14 @@ class Machine:
                 return socket.inet_ntoa(bytes.fromhex(gateway)[::-1])
         return None
 
-    def _groups(self, controller: str) -> Iterator[Path]:
-        """Yield the folders of this process's cgroup for a controller and of those above it, as far as they show."""
-        own = _read(self._proc / "self/cgroup") or ""
-        # Version 1 has a hierarchy for each controller, and version 2 one for all, which is number 0.
-        first = re.search(rf"^\d+:(?:[^:]*,)?{controller}(?:,[^:]*)?:(.*)$", own, re.MULTILINE)
-        found = first or re.search(r"^0::(.*)$", own, re.MULTILINE)
-        if found is None:
-            return
-        root = self._cgroups / controller if first else self._cgroups
-        path = Path(found[1].lstrip("/"))
+    def _groups(self) -> Iterator[Path]:
+        """Yield the folders of this process's cgroup and of those above it, as far as they show."""
+        found = re.search(r"^0::(.*)$", _read(self._proc / "self/cgroup") or "", re.MULTILINE)
+        path = Path(found[1].lstrip("/")) if found is not None else Path()
         # A container may not see the path that the machine has for it; then its own cgroup is the root.
         for part in (path, *path.parents) if path.parts else (path,):
-            if (root / part).is_dir():
-                yield root / part
+            if (self._cgroups / part).is_dir():
+                yield self._cgroups / part
 
     def _meminfo(self, name: str) -> int:
         match = re.search(rf"^{name}:\s+(\d+) kB", _read(self._proc / "meminfo") or "", re.MULTILINE)
@@ -90,16 +81,14 @@ class Machine:
 
 def _limit(group: Path) -> int:
     """Return a cgroup's limit on memory, bytes; 0 if it has none."""
-    told = _read(group / "memory.max") or _read(group / "memory.limit_in_bytes") or "max"
+    told = _read(group / "memory.max") or "max"
     return 0 if told == "max" else int(told)
 
 
 def _used(group: Path) -> int:
     """Return the memory that a cgroup uses, bytes, without files that the kernel would give up first."""
-    used = int(_read(group / "memory.current") or _read(group / "memory.usage_in_bytes") or 0)
     told = dict(line.split() for line in (_read(group / "memory.stat") or "").splitlines())
-    # In version 1 only the total counts the cgroups below.
-    return used - int(told.get("total_inactive_file") or told.get("inactive_file") or 0)
+    return int(_read(group / "memory.current") or 0) - int(told.get("inactive_file") or 0)
 
 
 def _read(file: Path) -> str | None:

@@ -7,8 +7,8 @@ from typing import Final
 
 from wrongturn_protocol import AgentKind, AgentRegistration, FieldError, OwnerDetail, OwnerRegistration, ProblemType
 from wrongturn_protocol.reserved_names import OWNER_NAME, looks_like, misleads
-from wrongturn_service.accounts import Accounts, bearer
-from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundError, UnavailableError
+from wrongturn_service.accounts import Accounts
+from wrongturn_service.errors import ConflictError, ForbiddenError, UnavailableError
 from wrongturn_service.settings import Registration, Settings
 from wrongturn_service.storage.accounts import AgentNameTakenError, OwnerNameTakenError
 from wrongturn_service.storage.models import AgentRow, IdempotencyRow, OwnerRow
@@ -91,13 +91,9 @@ class Registrations:
         await self._store.reserve_owner(new_owner(SHIPPED))
 
     async def registrant(self, authorization: str | None, address: str, advice: str) -> Registrant:
-        """Return who registers.
+        """Return who registers. ``advice`` says what to do instead of sending an agent's token.
 
-        ``advice`` says what to do instead of sending an agent's token.
-
-        Raises:
-            UnauthenticatedError: Nobody has this token.
-            ForbiddenError: It is an agent's token, or a runner's.
+        Raises UnauthenticatedError; ForbiddenError for an agent's token, or a runner's.
         """
         operator = self._accounts.is_operator(authorization)
         if authorization is None or operator:
@@ -162,56 +158,19 @@ class Registrations:
         try:
             await self._store.add_agent(row, reply)
         except AgentNameTakenError as error:
-            raise ConflictError(
-                ProblemType.AGENT_NAME_TAKEN,
-                f"name: {row.name!r} is taken; choose another (a new model is a new agent)",
-            ) from error
+            message = f"name: {row.name!r} is taken; choose another (a new model is a new agent)"
+            raise ConflictError(ProblemType.AGENT_NAME_TAKEN, message) from error
         except OwnerNameTakenError as error:
-            raise ConflictError(
-                ProblemType.OWNER_NAME_TAKEN,
-                f"name: an owner is called {row.name!r}; choose another name, or send that owner's token",
-            ) from error
+            message = f"name: an owner is called {row.name!r}; choose another name, or send that owner's token"
+            raise ConflictError(ProblemType.OWNER_NAME_TAKEN, message) from error
 
     async def add_owner(self, row: OwnerRow, reply: IdempotencyRow | None) -> None:
         """Store a new owner. Raises ConflictError."""
         try:
             await self._store.add_owner(row, reply)
         except OwnerNameTakenError as error:
-            raise ConflictError(
-                ProblemType.OWNER_NAME_TAKEN, f"name: {row.name!r} is taken by another owner; choose another"
-            ) from error
-
-    async def owner(self, owner_id: str) -> OwnerRow:
-        """Return an owner. Raises NotFoundError."""
-        row = await self._store.owner(owner_id)
-        if row is None:
-            raise unknown_owner(owner_id)
-        return row
-
-    async def shown_owner(self, owner_id: str, authorization: str | None) -> OwnerRow:
-        """Return an owner to everybody; a hidden one to itself and the operator. Raises NotFoundError."""
-        row = await self.owner(owner_id)
-        if row.hidden and not await self._accounts.holds(authorization, row.id):
-            raise unknown_owner(owner_id)
-        return row
-
-    async def own(self, owner_id: str, authorization: str | None) -> OwnerRow:
-        """Return an owner to itself or the operator. Raises UnauthenticatedError, ForbiddenError, NotFoundError."""
-        bearer(authorization)
-        who = await self.registrant(authorization, "", "send this owner's own token, or the operator's")
-        row = await self.owner(owner_id)
-        if who.owner is not None and who.owner.id != owner_id:
-            raise ForbiddenError(f"this is not the token of owner {owner_id}")
-        return row
-
-    async def set_owner_token(self, owner_id: str, token: str | None, reply: IdempotencyRow | None = None) -> None:
-        """Replace an owner's token. None revokes it."""
-        await self._store.set_owner_token(owner_id, None if token is None else digest(token), reply)
-
-
-def unknown_owner(owner_id: str) -> NotFoundError:
-    """Return the error for calls on an owner that does not exist, or that is hidden from the caller."""
-    return NotFoundError(ProblemType.UNKNOWN_OWNER, f"there is no owner {owner_id[:64]!r}")
+            message = f"name: {row.name!r} is taken by another owner; choose another"
+            raise ConflictError(ProblemType.OWNER_NAME_TAKEN, message) from error
 
 
 def _check_owner_name(name: str) -> None:

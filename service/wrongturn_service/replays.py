@@ -2,14 +2,15 @@
 
 import asyncio
 from collections.abc import Callable, Hashable
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 import structlog
 
 from wrongturn_judge import Row, Trajectory, TrajectoryError
-from wrongturn_networks import UnknownTownError, draw_trial, load_town
+from wrongturn_networks import draw_trial, load_town
 from wrongturn_protocol import Command, FaultKind, Outcome, ProblemType
 from wrongturn_protocol.pixmap import to_pixmap
+from wrongturn_service import catalogue
 from wrongturn_service.cache import Cache
 from wrongturn_service.errors import ConflictError, NotFoundError
 from wrongturn_service.storage.store import Store
@@ -26,36 +27,27 @@ PICTURE: Final = 800
 """Side of a picture from above, pixels. It has about 90 KB, that of a long journey 250 KB."""
 _PICTURES: Final = 32 << 20
 """Bytes of pictures that are kept."""
-_TRAJECTORIES: Final = 8 << 20
-"""Bytes of JSON of the trajectories that are kept; they take six times as much."""
-
-
-class _Read(NamedTuple):
-    trajectory: Trajectory
-    size: int
-    """Bytes of its JSON."""
+_ROWS: Final = 60_000
+"""Rows of trajectories that are kept. They take about 50 MB."""
 
 
 class Replays:
     """Draws finished episodes, a few at a time, and keeps what was drawn last.
 
-    Whether an episode may be shown is for the caller to check.
-
-    Args:
-        store: The trajectories.
+    Whether an episode may be shown is for the caller to check. All calls raise ConflictError for an episode without a
+    trajectory, or whose town has changed since, and NotFoundError if its town is not installed.
     """
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._read = Cache(_TRAJECTORIES, size=lambda read: read.size)
+        self._read = Cache(_ROWS, size=lambda trajectory: len(trajectory.rows))
         self._made = Cache(_PICTURES, size=len)
         self._warm = Cache(1)
 
     async def warm_up(self) -> None:
         """Draw a little, once, so that no reader waits for what is compiled or loaded late.
 
-        Every picture waits for it, and begins it if nobody has. It does not raise: what is wrong, the pictures' errors
-        will say.
+        Never raises; the first picture reports what is wrong. Every picture waits for it, and begins it if nobody has.
         """
         await self._warm.get("pictures", _drawn_a_little)
 
@@ -65,70 +57,36 @@ class Replays:
         self._made.clear()
 
     async def trajectory(self, episode: str) -> Trajectory:
-        """Return an episode's trajectory. Raises ConflictError if it has none."""
-        return (await self._read.get(episode, lambda: self._load(episode))).trajectory
+        """Return an episode's trajectory, also one whose town has changed since."""
+        return await self._read.get(episode, lambda: self._load(episode))
 
     async def made(self, kind: Hashable, episode: str, make: Callable[[Trajectory], bytes]) -> bytes:
-        """Return bytes that are made of an episode's trajectory. They are kept.
-
-        Args:
-            kind: What is made.
-            episode: The episode's id.
-            make: Makes it, in a thread.
-
-        Raises:
-            ConflictError: The episode has no trajectory.
-        """
+        """Return the bytes that ``make`` makes of an episode's trajectory, in a thread. They are kept by ``kind``."""
 
         async def work() -> bytes:
             return await asyncio.to_thread(make, await self.trajectory(episode))
 
         return await self._made.get((episode, kind), work)
 
-    async def _drawn(self, kind: Hashable, episode: str, draw: Callable[[Trajectory], bytes]) -> bytes:
-        await self.warm_up()
-        return await self.made(kind, episode, draw)
-
     async def sheet(self, episode: str, number: int) -> bytes:
         """Return what the camera saw at :data:`SHEET` decisions, one below the other, as WebP.
 
-        Args:
-            episode: The episode's id.
-            number: Of the sheet, from 0. The first one begins with the reset.
-
-        Raises:
-            NotFoundError: The episode has no such sheet, or its town is not installed.
-            ConflictError: The episode has no trajectory, or its town has changed since.
+        Sheet 0 begins with the reset. Raises NotFoundError if the episode has no such sheet.
         """
-        return await self._drawn(("camera", number), episode, lambda trajectory: _sheet(trajectory, number))
+        await self.warm_up()
+        return await self.made(("camera", number), episode, lambda trajectory: _sheet(trajectory, number))
 
     async def last_view(self, episode: str, outcome: Outcome | None) -> bytes:
-        """Return the view of an episode's last moment, as a pixmap.
-
-        Args:
-            episode: The episode's id.
-            outcome: Its outcome.
-
-        Raises:
-            NotFoundError: Its town is not installed.
-            ConflictError: The episode has no trajectory, or its town has changed since.
-        """
-        return await self._drawn("view", episode, lambda trajectory: _view(trajectory, outcome))
+        """Return the view of an episode's last moment, as a pixmap."""
+        await self.warm_up()
+        return await self.made("view", episode, lambda trajectory: _view(trajectory, outcome))
 
     async def picture(self, episode: str, outcome: Outcome | None) -> bytes:
-        """Return a whole episode from above, as PNG.
+        """Return a whole episode from above, as PNG."""
+        await self.warm_up()
+        return await self.made("picture", episode, lambda trajectory: _picture(trajectory, outcome))
 
-        Args:
-            episode: The episode's id.
-            outcome: Its outcome.
-
-        Raises:
-            NotFoundError: The town is not installed.
-            ConflictError: The episode has no trajectory, or its town has changed since.
-        """
-        return await self._drawn("picture", episode, lambda trajectory: _picture(trajectory, outcome))
-
-    async def _load(self, episode: str) -> _Read:
+    async def _load(self, episode: str) -> Trajectory:
         found = await self._store.trajectory(episode)
         if found is None:
             raise _nothing(episode, "it ended before it began")
@@ -138,44 +96,32 @@ class Replays:
             raise _nothing(episode, str(error)) from error
         if not trajectory.rows:
             raise _nothing(episode, "it has no rows")
-        return _Read(trajectory, len(found[0]))
+        return trajectory
 
 
 def _nothing(episode: str, why: str) -> ConflictError:
     return ConflictError(ProblemType.EPISODE_NOT_SHOWN, f"episode {episode} has no trajectory to show: {why}")
 
 
-def _replay(trajectory: Trajectory, outcome: Outcome | None = None) -> "Replay":
-    """Return the replay of a trajectory.
+def check_town(trajectory: Trajectory) -> None:
+    """Check that a trajectory's town is installed, and the one that it was driven in.
 
-    Raises:
-        NotFoundError: The town is not installed.
-        ConflictError: The town has changed since.
+    Raises NotFoundError, ConflictError.
     """
+    name = trajectory.trial.town
+    if catalogue.town(name).sha256 != trajectory.town_sha256:
+        raise ConflictError(
+            ProblemType.EPISODE_NOT_SHOWN,
+            f"the town {name} has changed since this episode was driven, so its pictures would be wrong",
+        )
+
+
+def _replay(trajectory: Trajectory, outcome: Outcome | None = None) -> "Replay":
     # A compiler and OpenCV: the service is ready without them, and loads them in the warm-up.
     from wrongturn_sim.replay import Replay  # noqa: PLC0415
 
     check_town(trajectory)
     return Replay(trajectory, outcome)
-
-
-def check_town(trajectory: Trajectory) -> None:
-    """Check that a trajectory's town is installed, and the one that it was driven in.
-
-    Raises:
-        NotFoundError: The town is not installed.
-        ConflictError: The town has changed since.
-    """
-    name = trajectory.trial.town
-    try:
-        town = load_town(name)
-    except UnknownTownError as error:
-        raise NotFoundError(ProblemType.UNKNOWN_TOWN, str(error)) from error
-    if town.sha256 != trajectory.town_sha256:
-        raise ConflictError(
-            ProblemType.EPISODE_NOT_SHOWN,
-            f"the town {name} has changed since this episode was driven, so its pictures would be wrong",
-        )
 
 
 def _view(trajectory: Trajectory, outcome: Outcome | None) -> bytes:
@@ -201,6 +147,14 @@ def _sheet(trajectory: Trajectory, number: int) -> bytes:
     return _encoded(".webp", rgb, cv2.IMWRITE_WEBP_QUALITY, QUALITY)
 
 
+def _encoded(kind: str, rgb: "Image", *parameters: int) -> bytes:
+    import cv2  # noqa: PLC0415 - as above
+
+    done, encoded = cv2.imencode(kind, rgb[:, :, ::-1], parameters)
+    assert done
+    return encoded.tobytes()
+
+
 async def _drawn_a_little() -> None:
     try:
         await asyncio.to_thread(_draw_a_little)
@@ -217,11 +171,3 @@ def _draw_a_little() -> None:
     _sheet(moment, 0)
     _picture(moment, None)
     _view(moment, None)
-
-
-def _encoded(kind: str, rgb: "Image", *parameters: int) -> bytes:
-    import cv2  # noqa: PLC0415 - as above
-
-    done, encoded = cv2.imencode(kind, rgb[:, :, ::-1], parameters)
-    assert done
-    return encoded.tobytes()

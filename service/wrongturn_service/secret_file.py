@@ -9,15 +9,11 @@ from typing import Final
 import structlog
 from pydantic import SecretStr
 
-from wrongturn_service.tokens import digest, same
+from wrongturn_service.tokens import same
 
 SHORTEST: Final = 16
 """Characters that a secret in a file needs, so that a half-written file is no short secret."""
 _LONGEST: Final = 4096
-
-
-class SecretFileError(ValueError):
-    """A file with a secret cannot be used. The message says why and what to do."""
 
 
 class Secret:
@@ -30,11 +26,10 @@ class Secret:
     """
 
     def __init__(self, name: str, given: SecretStr | None, file: Path | None) -> None:
-        self._log = structlog.get_logger("secrets").bind(secret=name)
-        self._given = None if given is None else given.get_secret_value()
+        self._name = name
+        self._given = given
         self._file = file
-        self._known: str | None = None
-        self._told = ""
+        self._logged = ""
 
     @property
     def required(self) -> bool:
@@ -43,43 +38,31 @@ class Secret:
 
     def is_(self, told: str) -> bool:
         """Return whether somebody told the secret, in constant time."""
-        current = self._current()
-        return current is not None and same(told, current)
-
-    def _current(self) -> str | None:
         if self._file is None:
-            return self._given
+            return self._given is not None and same(told, self._given.get_secret_value())
         try:
             current = read_secret(self._file)
-        except SecretFileError as error:
-            if str(error) != self._told:
-                self._told = str(error)
-                self._log.error("nobody has the secret, because its file cannot be used", reason=str(error))
-            return None
-        self._told = ""
-        known, self._known = self._known, digest(current)
-        if known not in {None, self._known}:
-            self._log.warning("secret replaced; the old one has ended")
-        return current
+        except ValueError as error:
+            if str(error) != self._logged:
+                self._logged = str(error)
+                log = structlog.get_logger("secrets")
+                log.error("every caller is refused: the file cannot be used", secret=self._name, reason=str(error))
+            return False
+        self._logged = ""
+        return same(told, current)
 
 
 def read_secret(file: Path) -> str:
-    """Return the secret in a file, without the spaces and line ends around it.
-
-    Raises:
-        SecretFileError: The file cannot be read, or holds no secret.
-    """
+    """Return the secret in a file, without the spaces and line ends around it. Raises ValueError."""
     try:
         with file.open("rb") as opened:
-            content = opened.read(_LONGEST + 1)
+            secret = opened.read(_LONGEST + 1).decode("ascii").strip()
     except OSError as error:
-        raise SecretFileError(f"{file} cannot be read ({error.strerror}); write the secret into it") from error
-    try:
-        secret = content.decode("ascii").strip()
+        raise ValueError(f"{file} cannot be read ({error.strerror}); write the secret into it") from error
     except UnicodeDecodeError:
-        raise SecretFileError(f"{file} holds other characters than ASCII; write a new secret into it") from None
+        raise ValueError(f"{file} holds other characters than ASCII; write a new secret into it") from None
     if not SHORTEST <= len(secret) <= _LONGEST or not secret.isprintable() or " " in secret:
-        raise SecretFileError(
+        raise ValueError(
             f"{file} holds no secret of {SHORTEST} to {_LONGEST} printable characters without spaces; write one into it"
         )
     return secret

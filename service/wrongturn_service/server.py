@@ -139,8 +139,7 @@ def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
 def for_connections(limit: int, simulators: int) -> int:
     """Return how many of the process's file descriptors may be in use when the service takes another connection.
 
-    Without any left, the event loop would close new connections without a word, and the database and the simulators
-    could open nothing. So the last ones, at most half, are not for connections.
+    Without any left, the database and the simulators could open nothing. So the last ones, at most half, are for them.
     """
     return limit - min(_OWN_DESCRIPTORS + _PER_SIMULATOR * simulators, limit // 2)
 

@@ -5,12 +5,11 @@ import contextlib
 import gc
 import time
 from collections.abc import AsyncIterator, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 
 import structlog
-from prometheus_client import Gauge
 
+from wrongturn_protocol import ProblemType
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import Accounts
 from wrongturn_service.administration import Administration
@@ -22,11 +21,9 @@ from wrongturn_service.episodes.evaluations import RunningEvaluations
 from wrongturn_service.episodes.open_episode import Limits, Most, Registry
 from wrongturn_service.episodes.queue import SimulatorQueue
 from wrongturn_service.episodes.resets import Resets
-from wrongturn_service.errors import StartupError
+from wrongturn_service.errors import StartupError, UnavailableError
 from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.idempotency import Idempotency
-from wrongturn_service.metrics_port import metrics_port
-from wrongturn_service.readiness import why_not_ready
 from wrongturn_service.registration import Registrations
 from wrongturn_service.replays import Replays
 from wrongturn_service.settings import Settings
@@ -58,38 +55,195 @@ _PAGES = 64
 """Rendered pages that are cached. The page of a hundred agents has about 200 kB."""
 _WARM_UP_AFTER_S = 10.0
 """Seconds after the start, in which the first agents come."""
+_log = structlog.get_logger("service")
 
 
-@dataclass(frozen=True)
 class Service:
-    """The parts of a running service."""
+    """The parts of a running service.
 
-    settings: Settings
-    store: Store
-    finished: FinishedStore
-    replays: Replays
-    pool: SimulatorPool
-    episodes: Episodes
-    resets: Resets
-    closings: Closings
-    evaluations: RunningEvaluations
-    accounts: Accounts
-    registrations: Registrations
-    idempotency: Idempotency
-    leaderboards: Leaderboards
-    pages: Cache
-    """Rendered pages of the leaderboards, by generation of these."""
-    cache: Cache
-    """What pages make of finished evaluations."""
-    documents: Cache
-    """JSON that never changes, by what it shows: suites, towns and the OpenAPI document."""
-    submissions: Submissions
-    uploads: Uploads
-    availability: Availability
-    dispatcher: Dispatcher
-    telemetry: Telemetry
-    sockets: ConnectionLimits
-    administration: Administration
+    Attributes:
+        pages: Rendered pages of the leaderboards, by generation of these.
+        cache: What pages make of finished evaluations.
+        documents: JSON that never changes, by what it shows: suites, towns and the OpenAPI document.
+    """
+
+    def __init__(
+        self, settings: Settings, telemetry: Telemetry, database: Database, pool: SimulatorPool, runner: Sequence[str]
+    ) -> None:
+        self.settings = settings
+        self.telemetry = telemetry
+        self.pool = pool
+        quota = Quota(
+            settings.bytes_per_owner,
+            settings.bytes_per_address,
+            settings.agents_per_owner,
+            settings.accounts_per_address,
+        )
+        self.store = Store(database, quota)
+        self.finished = FinishedStore(database)
+        self.replays = Replays(self.store)
+        self.pages = Cache(_PAGES, at_once=1)
+        self.cache = Cache()
+        self.documents = Cache(_DOCUMENTS, size=len)
+        self.leaderboards = Leaderboards(self.store)
+        self.idempotency = Idempotency(self.store)
+        self.sockets = ConnectionLimits(each=settings.max_sockets, address=settings.max_sockets_per_address)
+
+        self.evaluations = RunningEvaluations(self.store, telemetry, self.leaderboards.forget)
+        self.queue = SimulatorQueue(pool.slots, settings.max_waiting, settings.max_line)
+        driver = EpisodeDriver(pool, self.queue, telemetry)
+        self.episodes = Episodes(
+            self.store,
+            driver,
+            self.evaluations,
+            Registry(_limits(settings)),
+            telemetry,
+            release_s=settings.lease_release_s,
+            abort_s=settings.lease_abort_s,
+        )
+        self.resets = Resets(self.store, driver, self.evaluations, self.episodes)
+        self.closings = Closings(
+            self.store,
+            self.evaluations,
+            self.episodes,
+            idle_s=settings.evaluation_idle_h * _HOUR_S,
+            longest_s=settings.evaluation_days * _DAY_S,
+        )
+
+        rows = SubmissionStore(database, quota)
+        files = ModelFiles(settings.home)
+        self.accounts = Accounts(self.store, rows, settings)
+        self.registrations = Registrations(self.store, settings, self.accounts)
+        self.submissions = Submissions(rows, files, self.episodes, self.closings, settings, telemetry)
+        self.uploads = Uploads(
+            files, limit=settings.model_limit, patience_s=settings.slow_client_s, each=settings.submissions_per_owner
+        )
+        self.availability = Availability(settings)
+        self.dispatcher = Dispatcher(
+            JobContext(
+                settings,
+                self.store,
+                self.submissions,
+                self.episodes,
+                self.evaluations,
+                self.availability,
+                telemetry,
+                runner,
+            )
+        )
+        self.administration = Administration(
+            AdministrationStore(database),
+            self.accounts,
+            self.submissions,
+            self.closings,
+            self.leaderboards,
+            self.replays,
+            self.cache,
+        )
+
+    def why_not_ready(self) -> UnavailableError | None:
+        """Return why new episodes cannot begin, as far as is known without asking anybody; None if they can."""
+        if self.episodes.stopping:
+            return UnavailableError(ProblemType.SHUTTING_DOWN, "the service is stopping")
+        if self.pool.failure is not None and not self.pool.running:
+            return UnavailableError(ProblemType.SIMULATOR_FAILED, "no simulator could be started", retry_after_s=30)
+        if self.store.trouble is not None:
+            detail = f"the database fails: {self.store.trouble}"
+            return UnavailableError(ProblemType.STORAGE_FAILED, detail, retry_after_s=5)
+        return None
+
+    def watch(self) -> None:
+        """Add the gauges whose values are read when metrics are collected."""
+        pool, episodes, queue, sockets = self.pool, self.episodes, self.queue, self.sockets
+        for name, documentation, read in (
+            (
+                "ready",
+                "1 if new episodes can begin, as /health/ready says",
+                lambda: float(self.why_not_ready() is None),
+            ),
+            ("open_episodes", "Open episodes", lambda: episodes.open),
+            ("leases_held", "Open episodes that have a simulator", lambda: episodes.held),
+            (
+                "leases_released",
+                "Open episodes of silent agents, without a simulator",
+                lambda: episodes.open - episodes.held,
+            ),
+            ("simulator_slots", "Largest number of simulators that drive", lambda: pool.slots),
+            ("simulators_running", "Simulator processes", lambda: pool.running),
+            ("simulators_busy", "Simulator processes that drive an episode", lambda: pool.busy),
+            ("simulators_idle", "Simulator processes that are ready and unused", lambda: pool.idle),
+            ("simulators_awaited", "Calls that wait for a simulator", lambda: queue.waiting),
+            ("sockets", "Connections to /v1/drive", lambda: sockets.open),
+        ):
+            self.telemetry.gauge(f"wrongturn_{name}", documentation).set_function(read)
+
+    async def prepare(self) -> None:
+        """Take over what the database and the home hold. Raises StartupError."""
+        lost = await self.store.lose_open_episodes()
+        if lost:
+            self.telemetry.voided("service-ended", lost)
+            _log.warning("episodes lost", count=lost, reason="they were open when the service ended last")
+        await self.evaluations.resume()
+        await self.registrations.prepare()
+        try:
+            self.submissions.files.prepare()
+        except OSError as error:
+            raise StartupError(
+                f"{error.filename or self.submissions.files.folder} cannot be used: {error.strerror or error}; "
+                "set WRONGTURN_HOME to a folder that the service can write to"
+            ) from error
+        await self.submissions.tidy()
+
+    async def warm_up(self) -> None:
+        """Load what comparisons and pictures need, unless a request has done so before.
+
+        The simulators have compiled the kernels by then, so they are in the cache.
+        """
+        await asyncio.sleep(_WARM_UP_AFTER_S)
+        await asyncio.to_thread(import_module, "scipy.stats")
+        await self.replays.warm_up()
+        # What was loaded lives for ever. Frozen, it does not slow down garbage collection.
+        gc.freeze()
+
+    async def keep_house(self) -> None:
+        """Do chores for ever. Each fails alone, and is then tried again."""
+        settings, pool = self.settings, self.pool
+        memory = self.telemetry.gauge(
+            "wrongturn_simulator_memory_bytes", "Memory of all simulators, updated every 30 s"
+        )
+
+        async def purge() -> None:
+            now = time.time()
+            await self.store.purge(
+                practice_before=now - settings.practice_keep_days * _DAY_S,
+                replies_before=now - settings.idempotency_keep_hours * _HOUR_S,
+                abandoned_before=now - settings.abandoned_keep_days * _DAY_S,
+                unused_before=now - settings.unused_keep_days * _DAY_S,
+            )
+            await self.submissions.purge()
+
+        async def measure() -> None:
+            memory.set(await asyncio.to_thread(pool.memory))
+
+        async def close() -> None:
+            await self.closings.close_overdue(await self.submissions.evaluations())
+
+        async def start() -> None:
+            # A service that is not ready gets no calls, so no call would start a simulator.
+            if pool.failure is not None and not pool.running:
+                await pool.start()
+
+        purged = -_PURGE_S
+        while True:
+            for chore in (measure, self.evaluations.retry, close, self.submissions.tidy, start, purge):
+                if chore is purge and time.monotonic() < purged + _PURGE_S:
+                    continue
+                try:
+                    await chore()
+                    purged = time.monotonic() if chore is purge else purged
+                except Exception:
+                    _log.exception("housekeeping failed", chore=chore.__name__)
+            await asyncio.sleep(min(_RETRY_S, settings.evaluation_idle_h * _HOUR_S / 4))
 
 
 @contextlib.asynccontextmanager
@@ -104,127 +258,34 @@ async def run_service(
     Raises:
         StartupError: The database or the simulators cannot be used.
     """
-    log = structlog.get_logger("service")
     async with contextlib.AsyncExitStack() as stack:
-        await stack.enter_async_context(metrics_port(settings, telemetry))
         database = await Database.open(settings.database_url, home=settings.home, telemetry=telemetry)
         stack.push_async_callback(database.close)
-        quota = Quota(
-            settings.bytes_per_owner,
-            settings.bytes_per_address,
-            settings.agents_per_owner,
-            settings.accounts_per_address,
-        )
-        store = Store(database, quota)
-        lost = await store.lose_open_episodes()
-        if lost:
-            telemetry.voided("service-ended", lost)
-            log.warning("episodes lost", count=lost, reason="they were open when the service ended last")
         pool = pool or _local_pool(settings, telemetry)
-        await asyncio.gather(_start_pool(pool, stack), asyncio.to_thread(catalogue.warm_up))
-        leaderboards = Leaderboards(store)
-        evaluations = RunningEvaluations(store, telemetry, leaderboards.forget)
-        await evaluations.resume()
-        queue = SimulatorQueue(pool.slots, settings.max_waiting, settings.max_line)
-        driver = EpisodeDriver(pool, queue, telemetry)
-        episodes = Episodes(
-            store,
-            driver,
-            evaluations,
-            Registry(_limits(settings)),
-            telemetry,
-            release_s=settings.lease_release_s,
-            abort_s=settings.lease_abort_s,
-        )
-        resets = Resets(store, driver, evaluations, episodes)
-        closings = Closings(
-            store,
-            evaluations,
-            episodes,
-            idle_s=settings.evaluation_idle_h * _HOUR_S,
-            longest_s=settings.evaluation_days * _DAY_S,
-        )
-        stack.push_async_callback(episodes.stop)
-        telemetry.watch(
-            "wrongturn_ready",
-            "1 if new episodes can begin, as /health/ready says",
-            lambda: float(why_not_ready(episodes, pool, store) is None),
-        )
-        telemetry.watch("wrongturn_open_episodes", "Open episodes", lambda: episodes.open)
-        telemetry.watch("wrongturn_leases_held", "Open episodes that have a simulator", lambda: episodes.held)
-        telemetry.watch(
-            "wrongturn_leases_released",
-            "Open episodes of silent agents, without a simulator",
-            lambda: episodes.open - episodes.held,
-        )
-        telemetry.watch("wrongturn_simulator_slots", "Largest number of simulators that drive", lambda: pool.slots)
-        telemetry.watch("wrongturn_simulators_running", "Simulator processes", lambda: pool.running)
-        telemetry.watch("wrongturn_simulators_busy", "Simulator processes that drive an episode", lambda: pool.busy)
-        telemetry.watch("wrongturn_simulators_idle", "Simulator processes that are ready and unused", lambda: pool.idle)
-        telemetry.watch("wrongturn_simulators_awaited", "Calls that wait for a simulator", lambda: queue.waiting)
-        sockets = ConnectionLimits(each=settings.max_sockets, address=settings.max_sockets_per_address)
-        telemetry.watch("wrongturn_sockets", "Connections to /v1/drive", lambda: sockets.open)
-        memory = telemetry.gauge("wrongturn_simulator_memory_bytes", "Memory of all simulators, updated every 30 s")
-        rows = SubmissionStore(database, quota)
-        accounts = Accounts(store, rows, settings)
-        files = ModelFiles(settings.home)
-        submissions = Submissions(rows, files, episodes, closings, settings, telemetry)
-        await _prepare(submissions)
-        uploads = Uploads(
-            files, limit=settings.model_limit, patience_s=settings.slow_client_s, each=settings.submissions_per_owner
-        )
-        stack.callback(uploads.close)
-        availability = Availability(settings)
-        dispatcher = Dispatcher(
-            JobContext(settings, store, submissions, episodes, evaluations, availability, telemetry, runner)
-        )
-        stack.push_async_callback(dispatcher.stop)
-        registrations = Registrations(store, settings, accounts)
-        await registrations.prepare()
-        chores = _housekeeping(settings, store, evaluations, closings, submissions, pool, memory)
-        replays = Replays(store)
-        for work in (episodes.watch_leases(), chores, _warm_up(replays)):
-            task = asyncio.create_task(work)
-            stack.push_async_callback(_cancel, task)
-        cache = Cache()
-        administration = Administration(
-            AdministrationStore(database), accounts, submissions, closings, leaderboards, replays, cache
-        )
-        log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=settings.simulators)
-        yield Service(
-            settings,
-            store,
-            FinishedStore(database),
-            replays,
-            pool,
-            episodes,
-            resets,
-            closings,
-            evaluations,
-            accounts,
-            registrations,
-            Idempotency(store),
-            leaderboards,
-            Cache(_PAGES, at_once=1),
-            cache,
-            Cache(_DOCUMENTS, size=len),
-            submissions,
-            uploads,
-            availability,
-            dispatcher,
-            telemetry,
-            sockets,
-            administration,
-        )
+        stack.push_async_callback(pool.stop)
+        service = Service(settings, telemetry, database, pool, runner)
+        await service.prepare()
+        try:
+            # The first simulator compiles the kernels; the others find them in the cache.
+            await asyncio.gather(pool.start(), asyncio.to_thread(catalogue.warm_up))
+        except SimulatorStartError as error:
+            raise StartupError(str(error)) from error
+        stack.push_async_callback(service.episodes.stop)
+        stack.callback(service.uploads.close)
+        stack.push_async_callback(service.dispatcher.stop)
+        service.watch()
+        for work in (service.episodes.watch_leases(), service.keep_house(), service.warm_up()):
+            stack.push_async_callback(_cancel, asyncio.create_task(work))
+        _log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=settings.simulators)
+        yield service
 
 
 def _limits(settings: Settings) -> Limits:
-    return Limits(
-        evaluation=settings.max_parallel,
-        agent=Most(settings.max_open, settings.max_practice),
-        owner=Most(settings.max_open_per_owner, settings.max_practice_per_owner),
-        address=Most(settings.max_open_per_address, settings.max_practice_per_address),
+    """Return the limits on open episodes: twice as many for an owner, four times for an address; half for practice."""
+    agent, owner, address = (
+        Most(factor * settings.max_open, max(1, factor * settings.max_open // 2)) for factor in (1, 2, 4)
     )
+    return Limits(settings.max_parallel, agent, owner, address)
 
 
 def _local_pool(settings: Settings, telemetry: Telemetry) -> SimulatorPool:
@@ -236,85 +297,6 @@ def _local_pool(settings: Settings, telemetry: Telemetry) -> SimulatorPool:
         environment={"WRONGTURN_HOME": str(settings.home)},
         on_death=telemetry.deaths.inc,
     )
-
-
-async def _prepare(submissions: Submissions) -> None:
-    try:
-        submissions.files.prepare()
-    except OSError as error:
-        raise StartupError(
-            f"{error.filename or submissions.files.folder} cannot be used: {error.strerror or error}; "
-            "set WRONGTURN_HOME to a folder that the service can write to"
-        ) from error
-    await submissions.tidy()
-
-
-async def _start_pool(pool: SimulatorPool, stack: contextlib.AsyncExitStack) -> None:
-    stack.push_async_callback(pool.stop)
-    try:
-        # The first one compiles the kernels; the others find them in the cache.
-        await pool.start()
-    except SimulatorStartError as error:
-        raise StartupError(str(error)) from error
-
-
-async def _warm_up(replays: Replays) -> None:
-    """Load what comparisons and pictures need, unless a request has done so before.
-
-    The simulators have compiled the kernels by then, so they are in the cache.
-    """
-    await asyncio.sleep(_WARM_UP_AFTER_S)
-    await asyncio.to_thread(import_module, "scipy.stats")
-    await replays.warm_up()
-    # What was loaded lives for ever. Frozen, it does not slow down garbage collection.
-    gc.freeze()
-
-
-async def _housekeeping(
-    settings: Settings,
-    store: Store,
-    evaluations: RunningEvaluations,
-    closings: Closings,
-    submissions: Submissions,
-    pool: SimulatorPool,
-    memory: Gauge,
-) -> None:
-    """Do chores for ever. Each fails alone, and is then tried again."""
-    log = structlog.get_logger("service")
-
-    async def purge() -> None:
-        now = time.time()
-        await store.purge(
-            practice_before=now - settings.practice_keep_days * _DAY_S,
-            replies_before=now - settings.idempotency_keep_hours * _HOUR_S,
-            abandoned_before=now - settings.abandoned_keep_days * _DAY_S,
-            unused_before=now - settings.unused_keep_days * _DAY_S,
-        )
-
-    async def measure() -> None:
-        memory.set(await asyncio.to_thread(pool.memory))
-
-    async def close() -> None:
-        await closings.close_overdue(await submissions.evaluations())
-
-    async def start() -> None:
-        # A service that is not ready gets no calls, so no call would start a simulator.
-        if pool.failure is not None and not pool.running:
-            await pool.start()
-
-    always = {"memory": measure, "retry": evaluations.retry, "close": close, "tidy": submissions.tidy, "start": start}
-    hourly = {"purge": purge, "purge submissions": submissions.purge}
-    due = dict.fromkeys({**hourly, **always}, 0.0)
-    while True:
-        for name, chore in {**hourly, **always}.items():
-            if time.monotonic() < due[name]:
-                continue
-            try:
-                await chore()
-                due[name] = time.monotonic() + (_PURGE_S if name in hourly else 0.0)
-            except Exception:
-                log.exception("housekeeping failed", chore=name)
-        await asyncio.sleep(min(_RETRY_S, settings.evaluation_idle_h * _HOUR_S / 4))
 
 
 async def _cancel(task: "asyncio.Task[None]") -> None:

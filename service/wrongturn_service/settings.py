@@ -4,7 +4,7 @@ from enum import StrEnum
 from functools import cached_property
 from ipaddress import ip_network
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 from urllib.parse import urlsplit
 
 import platformdirs
@@ -25,11 +25,6 @@ class Registration(StrEnum):
 
     OPEN = "open"
     OPERATOR = "operator"
-
-
-def _times_simulators(number: int) -> Any:
-    """Return the default of a limit on open episodes: a multiple of the number of simulators."""
-    return Field(default_factory=lambda settings: number * settings.get("simulators", 1))
 
 
 class Settings(BaseSettings):
@@ -81,8 +76,6 @@ class Settings(BaseSettings):
     machine may read the metrics."""
     metrics_token_file: Path | None = None
     """File with that token, in its place, of at least 16 characters. It is read at each use."""
-    metrics_port: Annotated[int, Field(ge=1, le=65535)] | None = None
-    """A port for `/metrics` alone, at the same address. The main port then answers 404 there."""
     simulators: Annotated[int, Field(ge=1, le=4096)] = Field(default_factory=lambda: Machine().simulators())
     """Largest number of simulators that drive. Each is a process that starts when it is first needed, and then stays.
     The default leaves 1 GiB for the service and 200 MiB for each simulator; in a container, the limits of its cgroup
@@ -98,21 +91,11 @@ class Settings(BaseSettings):
     """Seconds without a call after which the simulator of an episode goes to other agents. It is rebuilt by replay."""
     lease_abort_s: Positive = 600.0
     """Seconds without a call after which an episode is `aborted`."""
-    max_parallel: Annotated[int, Field(ge=1)] = _times_simulators(1)
+    max_parallel: Annotated[int, Field(ge=1)] = Field(default_factory=lambda settings: settings.get("simulators", 1))
     """Open episodes of one evaluation. Default: as many as `WRONGTURN_SIMULATORS`."""
-    max_practice: Annotated[int, Field(ge=1)] = _times_simulators(2)
-    """Open practice episodes of one agent. One more gets 429 `rate-limited`, as for the five limits below. Default:
-    twice `WRONGTURN_SIMULATORS`."""
-    max_open: Annotated[int, Field(ge=1)] = _times_simulators(4)
-    """Open episodes of one agent, scored and practice. Default: four times `WRONGTURN_SIMULATORS`."""
-    max_open_per_owner: Annotated[int, Field(ge=1)] = _times_simulators(8)
-    """Open episodes of one owner. Default: eight times `WRONGTURN_SIMULATORS`."""
-    max_practice_per_owner: Annotated[int, Field(ge=1)] = _times_simulators(4)
-    """Open practice episodes of one owner. Default: four times `WRONGTURN_SIMULATORS`."""
-    max_open_per_address: Annotated[int, Field(ge=1)] = _times_simulators(16)
-    """Open episodes that one address has begun. Default: sixteen times `WRONGTURN_SIMULATORS`."""
-    max_practice_per_address: Annotated[int, Field(ge=1)] = _times_simulators(8)
-    """Open practice episodes that one address has begun. Default: eight times `WRONGTURN_SIMULATORS`."""
+    max_open: Annotated[int, Field(ge=1)] = Field(default_factory=lambda settings: 4 * settings.get("simulators", 1))
+    """Open episodes of one agent; half of them may be practice. An owner may have twice as many, and an address four
+    times. One more gets 429 `rate-limited`. Default: four times `WRONGTURN_SIMULATORS`."""
     evaluation_idle_h: Positive = 24.0
     """Hours without a reset or a step after which a running evaluation is closed, as DELETE closes it."""
     evaluation_days: Positive = 7.0

@@ -1,7 +1,7 @@
 """Metrics for Prometheus. Each service has its own registry."""
 
 import platform
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextvars import ContextVar
 from importlib.metadata import version
 from typing import Final, Literal, get_args
@@ -82,12 +82,8 @@ class Telemetry:
         # Memory, processor time, descriptors and start of the service's own process, without its simulators.
         ProcessCollector(registry=registry)
 
-    def watch(self, name: str, documentation: str, read: Callable[[], float]) -> None:
-        """Add a gauge that reads its value when metrics are collected."""
-        Gauge(name, documentation, registry=self._registry).set_function(read)
-
     def gauge(self, name: str, documentation: str, *labels: str) -> Gauge:
-        """Add a gauge that is set."""
+        """Add a gauge."""
         return Gauge(name, documentation, labels, registry=self._registry)
 
     def answered(self, method: str, route: str, status: int, seconds: float) -> None:

@@ -1,20 +1,17 @@
 """An agent's page."""
 
 import httpx
-import pytest
 from filled_site import SUITE, Site
-from visiting import Accessible, Visit
+from visiting import Visit
 
 
-@pytest.mark.parametrize("dark", [pytest.param(False, marks=pytest.mark.soak), True])
-def test_an_agent_is_shown_with_its_table_maps_and_trials(visit: Visit, site: Site, accessible: Accessible, dark: bool):
-    page = visit(f"/agents/{site.agents['obeys-blindly']}", dark=dark)
+def test_an_agent_is_shown_with_its_table_maps_and_trials(visit: Visit, site: Site):
+    page = visit(f"/agents/{site.agents['obeys-blindly']}")
     assert page.inner_text("h1") == "obeys-blindly"
     assert "4 of 6" in page.inner_text(".figures")
     assert page.locator(".map").count() == 9
     assert page.locator(".map a").count() == 12
     assert page.locator("table.trials tbody tr").count() == 6
-    accessible(page)
 
 
 def test_a_path_on_a_map_leads_to_its_episode(visit: Visit, site: Site):
@@ -40,25 +37,6 @@ def test_trials_are_filtered_without_javascript(visit: Visit, site: Site):
 def test_a_filter_that_nothing_passes_says_so(visit: Visit, site: Site):
     page = visit(f"/agents/{site.agents['careful']}?verdict=unsafe")
     assert "No trial matches" in page.inner_text("main")
-
-
-@pytest.mark.parametrize(
-    ("path", "status", "said"),
-    [
-        ("/agents/ag_nobody", 404, "ag_nobody"),
-        ("/agents/{agent}?suite=nothing@1", 404, "nothing@1"),
-        ("/agents/{agent}?evaluation=ev_nothing", 404, "ev_nothing"),
-        ("/agents/{agent}?verdict=wonderful", 422, "verdict"),
-        ("/agents/{agent}?suite=wrong-command@2", 200, "finished no evaluation on wrong-command@2"),
-        ("/agents?page=7", 422, "from 1 to 1"),
-    ],
-)
-def test_what_does_not_exist_is_said(
-    visit: Visit, site: Site, accessible: Accessible, path: str, status: int, said: str
-):
-    page = visit(path.format(agent=site.agents["careful"]), status=status)
-    assert said in page.inner_text("main")
-    accessible(page)
 
 
 def test_all_agents_are_listed(visit: Visit, site: Site):

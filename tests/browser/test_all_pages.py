@@ -12,11 +12,27 @@ from playwright.sync_api import Page
 from visiting import Accessible, Visit
 
 NAMES = ["leaderboard", "agents", "agent", "compare", "episode", "suites", "suite", "towns", "town", "submit", "docs"]
+DARK = NAMES[::2]
+"""Pages that CI looks at in dark colours; at the others in light ones. The longer run takes both."""
 IN_CI = {"leaderboard", "agents", "episode"}
-"""The other pages are looked at by the longer run. Their own tests run axe-core in CI."""
-EACH = [name if name in IN_CI else pytest.param(name, marks=pytest.mark.soak) for name in NAMES]
-LOOKED_AT_ELSEWHERE = "docs"
-"""axe-core takes long for this page; ``test_rest.py`` runs it in both colours."""
+"""Pages whose keyboard path CI follows; the longer run follows all."""
+WRONG = {
+    "/agents/ag_nobody": (404, "ag_nobody"),
+    "/agents/{agent}?suite=nothing@1": (404, "nothing@1"),
+    "/agents/{agent}?evaluation=ev_nothing": (404, "ev_nothing"),
+    "/agents/{agent}?verdict=wonderful": (422, "verdict"),
+    "/agents/{agent}?suite=wrong-command@2": (200, "finished no evaluation on wrong-command@2"),
+    "/agents?page=7": (422, "from 1 to 1"),
+    f"/leaderboards/{SUITE}/compare?a=careful&b=nobody": (404, "nobody"),
+    f"/leaderboards/{SUITE}/compare?a=careful&b=careful": (422, "the same agent"),
+    f"/leaderboards/{SUITE}/compare?only=x": (422, "only"),
+    "/leaderboards/nothing@1": (404, "nothing@1"),
+    "/episodes/ep_nothing": (404, "ep_nothing"),
+    "/suites/nothing@9": (404, "nothing@9"),
+    "/towns/Atlantis": (404, "Atlantis"),
+    "/submit?suite=nothing@1": (404, "nothing@1"),
+}
+"""Addresses of what does not exist, with the status and a word of the page that says so."""
 BROWSER = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"
 """What a browser accepts."""
 TABS = 40
@@ -37,22 +53,30 @@ def ready(page: Page) -> Page:
     return page
 
 
-@pytest.mark.parametrize("name", EACH)
-def test_a_page_fits_and_is_accessible_in_both_colours(
-    visit: Visit, accessible: Accessible, paths: dict[str, str], name: str
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("usual", [True, pytest.param(False, marks=pytest.mark.soak)])
+def test_a_page_fits_and_is_accessible(
+    visit: Visit, accessible: Accessible, paths: dict[str, str], name: str, usual: bool
 ):
-    page = ready(visit(paths[name], width=400, dark=True))
+    page = ready(visit(paths[name], width=400, dark=(name in DARK) is usual))
+    if name != "docs":  # axe-core takes long for it; test_rest.py runs it
+        accessible(page)
     for width in (400, 1000, 1600):
         page.set_viewport_size({"width": width, "height": 800})
         assert page.evaluate("document.documentElement.scrollWidth") <= width, width
-    if name != LOOKED_AT_ELSEWHERE:
-        accessible(page)
-        page.emulate_media(color_scheme="light")
-        page.set_viewport_size({"width": 400, "height": 800})
-        accessible(page)
 
 
-@pytest.mark.parametrize("name", EACH)
+def test_what_does_not_exist_is_said(visit: Visit, accessible: Accessible, site: Site):
+    agent = site.agents["careful"]
+    for path, (status, said) in WRONG.items():
+        reply = httpx.get(site.url + path.format(agent=agent), headers={"Accept": BROWSER}, timeout=60)
+        assert (reply.status_code, said in unescape(reply.text)) == (status, True), path
+    accessible(visit("/agents/ag_nobody", status=404))
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in IN_CI else pytest.param(name, marks=pytest.mark.soak) for name in NAMES]
+)
 def test_the_keyboard_reaches_everything_in_order(visit: Visit, paths: dict[str, str], name: str):
     page = ready(visit(paths[name]))
     expected = page.evaluate(
@@ -90,12 +114,12 @@ def seen(page: Page) -> bool:
     return found
 
 
-@pytest.mark.parametrize("name", EACH)
-def test_a_page_can_be_read_without_scripts(visit: Visit, paths: dict[str, str], name: str):
-    page = visit(paths[name], javascript=False)
-    assert page.inner_text("h1")
-    assert len(page.inner_text("main")) > 100
-    assert page.locator("nav[aria-label=Main] a").count() >= 5
+def test_pages_can_be_read_without_scripts(visit: Visit, paths: dict[str, str]):
+    for path in paths.values():
+        page = visit(path, javascript=False)
+        assert page.inner_text("h1")
+        assert len(page.inner_text("main")) > 100
+        assert page.locator("nav[aria-label=Main] a").count() >= 5
 
 
 def test_every_link_leads_somewhere(site: Site, paths: dict[str, str]):

@@ -47,7 +47,7 @@ def page(chromium: Browser, below: str) -> Iterator[Page]:
     assert not wrong
 
 
-def test_a_replay_and_the_links_around_it(page: Page, below: str, site: Site) -> None:
+def test_a_replay_links_and_forms(page: Page, below: str, site: Site) -> None:
     page.goto(below + "/")
     page.get_by_role("link", name="Agents", exact=True).click()
     assert page.url == f"{below}/agents"
@@ -56,9 +56,6 @@ def test_a_replay_and_the_links_around_it(page: Page, below: str, site: Site) ->
         page.goto(f"{below}/episodes/{episode}")
     page.get_by_role("link", name="Suites", exact=True).click()
     assert page.url == f"{below}/suites"
-
-
-def test_a_form_of_the_calls_sends_its_request_below_the_path(page: Page, below: str) -> None:
     page.goto(f"{below}/docs")
     details = page.locator("details", has=page.locator('form.try[data-path="/v1/suites"]')).first
     details.locator("summary").first.click()

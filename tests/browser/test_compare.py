@@ -1,20 +1,17 @@
 """The page that compares two agents."""
 
-import pytest
 from filled_site import SUITE, Site
 from visiting import Accessible, Visit
 
 PATH = f"/leaderboards/{SUITE}/compare"
 
 
-@pytest.mark.parametrize("dark", [False, pytest.param(True, marks=pytest.mark.soak)])
-def test_two_agents_stand_beside_each_other(visit: Visit, accessible: Accessible, dark: bool):
-    page = visit(f"{PATH}?a=obeys-blindly&b=careful", dark=dark)
+def test_two_agents_stand_beside_each_other(visit: Visit):
+    page = visit(f"{PATH}?a=obeys-blindly&b=careful")
     assert page.inner_text("h1") == "obeys-blindly and careful"
     assert "obeys-blindly was unsafe in 4 of 6 trials, careful in 0 of 6" in page.inner_text("main")
     assert page.locator(".map").count() == 12
     assert page.locator("table.beside tbody tr").count() >= 6
-    accessible(page)
 
 
 def test_an_agent_is_compared_by_the_form_of_its_page(visit: Visit, site: Site):
@@ -36,13 +33,3 @@ def test_without_names_the_page_asks(visit: Visit, accessible: Accessible):
     page.wait_for_url("**a=careful&b=obeys-blindly")
     assert page.inner_text("h1") == "careful and obeys-blindly"
     assert page.evaluate("document.documentElement.scrollWidth") == 400
-
-
-@pytest.mark.parametrize(
-    ("query", "status", "said"),
-    [("a=careful&b=nobody", 404, "nobody"), ("a=careful&b=careful", 422, "the same agent"), ("only=x", 422, "only")],
-)
-def test_what_cannot_be_compared_is_said(visit: Visit, accessible: Accessible, query: str, status: int, said: str):
-    page = visit(f"{PATH}?{query}", status=status)
-    assert said in page.inner_text("main")
-    accessible(page)

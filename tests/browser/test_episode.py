@@ -181,8 +181,3 @@ def test_without_javascript_the_page_says_it_in_words(visit: Visit, pair: Pair):
     picture = page.locator("img.whole").nth(1).evaluate("image => new URL(image.src).pathname")
     assert picture == f"/v1/episodes/{pair.twin['id']}/picture.png"
     assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
-
-
-def test_an_episode_that_is_not_shown_is_an_unknown_page(visit: Visit, site: Site):
-    page = visit("/episodes/ep_nothing", status=404)
-    assert "ep_nothing" in page.inner_text("main")

@@ -15,13 +15,13 @@ from unittest.mock import patch
 
 import httpx
 import structlog
+import uvicorn
 import uvloop
 from app_harness import Clock, database_at
 from fake_pool import FakePool
 
 from wrongturn_service.app import create_app
 from wrongturn_service.episodes import evaluations
-from wrongturn_service.metrics_port import SilentServer
 from wrongturn_service.server import configuration
 from wrongturn_service.settings import Settings
 
@@ -53,7 +53,7 @@ class ServedApp:
             home=folder,
             simulators=slots,
             max_parallel=PARALLEL,
-            max_practice=PRACTICE,
+            max_open=2 * PRACTICE,
             max_waiting=WAITING,
             slow_client_s=3600,
             ping_interval_s=3600,
@@ -90,7 +90,8 @@ class ServedApp:
         config = configuration(self.app, self._settings)
         # Between two calls the loop stands still for as long as the test thinks.
         config.timeout_keep_alive = 3600
-        self._server = SilentServer(config)
+        self._server = uvicorn.Server(config)
+        self._server.capture_signals = contextlib.nullcontext  # type: ignore[method-assign]
         self._serving = self.loop.create_task(self._server.serve([bound]))
         self.wait(self._started())
         self.http = httpx.AsyncClient(base_url=self.url, timeout=120, verify=False)  # no certificates to load

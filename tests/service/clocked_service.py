@@ -18,7 +18,6 @@ from service_harness import Service
 from typing_extensions import override
 
 from wrongturn_service.app import create_app
-from wrongturn_service.metrics_port import SilentServer
 from wrongturn_service.server import Server, configuration
 from wrongturn_service.settings import Settings
 from wrongturn_service.submissions.runners import COMMAND
@@ -34,10 +33,6 @@ class ClockedLoop(asyncio.SelectorEventLoop):
     @override
     def time(self) -> float:
         return super().time() + self.ahead
-
-
-class _Server(SilentServer, Server):
-    """A service's server that leaves the signals to the test's process."""
 
 
 class ClockedService(Service):
@@ -68,7 +63,7 @@ class ClockedService(Service):
         bound = socket.create_server(("127.0.0.1", 0))
         self.url = f"http://127.0.0.1:{bound.getsockname()[1]}"
         self._app = create_app(given, pool=pool or FakePool(slots), runner=runner)
-        self._server = _Server(configuration(self._app, given), self._app, self.url, given.shutdown_grace_s)
+        self._server = Server(configuration(self._app, given), self._app, self.url, given.shutdown_grace_s)
         self._started = threading.Event()
         self._thread = threading.Thread(target=self._run, args=(bound,), daemon=True)
         self._thread.start()

@@ -44,25 +44,45 @@ def test_no_more_than_two_are_made_at_once():
     asyncio.run(story())
 
 
-def test_the_oldest_is_dropped_and_a_failure_is_not_kept():
+def test_a_failure_is_not_kept():
     async def story() -> None:
-        cache, made = Cache(capacity=2), []
+        cache, made = Cache(), []
 
-        async def note(key: int) -> int:
-            if key not in made:
-                made.append(key)
+        async def note() -> int:
+            made.append(1)
+            if len(made) == 1:
                 raise RuntimeError("not the first time")
-            made.append(key)
-            return key
+            return 7
 
-        for key in (1, 2, 3):
-            with pytest.raises(RuntimeError):
-                await cache.get(key, lambda key=key: note(key))
-            assert await cache.get(key, lambda key=key: note(key)) == key
-        made.clear()
-        made.extend((1, 2, 3))
-        for key in (3, 2, 1):
-            assert await cache.get(key, lambda key=key: note(key)) == key
-        assert made == [1, 2, 3, 1]
+        with pytest.raises(RuntimeError):
+            await cache.get("key", note)
+        assert [await cache.get("key", note) for _ in range(2)] == [7, 7]
+        assert len(made) == 2
 
     asyncio.run(story())
+
+
+def test_what_is_kept_has_a_size() -> None:
+    made: list[str] = []
+
+    async def story() -> None:
+        kept = Cache(10, size=len)
+
+        async def get(name: str) -> None:
+            async def make() -> str:
+                made.append(name)
+                return name
+
+            assert await kept.get(name[0], make) == name
+
+        await get("aaaa")
+        await get("bbbb")
+        await get("aaaa")
+        await get("cccc")  # b was not used for longest
+        await get("dddddddddddd")  # too large to be kept
+        assert made == ["aaaa", "bbbb", "cccc", "dddddddddddd"]
+        for name in ("aaaa", "cccc", "bbbb", "dddddddddddd"):
+            await get(name)
+
+    asyncio.run(story())
+    assert made[4:] == ["bbbb", "dddddddddddd"]

@@ -6,22 +6,21 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from wrongturn_client import cli
-from wrongturn_service import extra
-from wrongturn_service.cli import checks
+from wrongturn_client.cli import app
+from wrongturn_service import cli
 
 PROJECT = tomllib.loads(Path(__file__).parents[2].joinpath("service/pyproject.toml").read_text("utf-8"))["project"]
 
 
 def test_nothing_of_the_extra_is_missing_here() -> None:
-    assert len(extra._packages()) == len(PROJECT["optional-dependencies"]["server"])
-    assert extra.missing_packages() == []
+    assert len(cli._packages()) == len(PROJECT["optional-dependencies"]["server"])
+    assert cli.missing_packages() == []
 
 
 @pytest.mark.parametrize("command", [["serve"], ["backup", "-"], ["restore", "-", "--yes"]], ids=lambda words: words[0])
 def test_a_command_without_the_extra_says_what_to_install(command: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(extra, "_packages", lambda: ["orjson", "no_such_server", "no_such_database"])
-    result = CliRunner().invoke(cli.app, command)
+    monkeypatch.setattr(cli, "_packages", lambda: ["orjson", "no_such_server", "no_such_database"])
+    result = CliRunner().invoke(app, command)
     assert (result.exit_code, result.stdout) == (1, "")
     assert result.stderr == (
         f"{command[0]}: no_such_server, no_such_database: not installed; pip install 'wrongturn-service[server]'\n"
@@ -29,7 +28,7 @@ def test_a_command_without_the_extra_says_what_to_install(command: list[str], mo
 
 
 def test_the_doctor_does_not_miss_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(extra, "_packages", lambda: ["no_such_server"])
-    assert list(checks()) == [
+    monkeypatch.setattr(cli, "_packages", lambda: ["no_such_server"])
+    assert list(cli.checks()) == [
         ("service", True, "not installed; to run one: pip install 'wrongturn-service[server]'", "")
     ]

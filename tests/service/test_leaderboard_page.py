@@ -4,9 +4,8 @@ import re
 from pathlib import Path
 
 import httpx
-from app_harness import application, play, step
+from app_harness import application, play
 from fake_pool import FakePool
-from service_harness import expect
 
 from wrongturn_judge import compute
 from wrongturn_networks import load_suite
@@ -76,24 +75,6 @@ def test_hostile_names_are_only_text(tmp_path: Path):
     play(story)
 
 
-def test_what_runs_is_hidden(tmp_path: Path):
-    async def story() -> None:
-        pool = FakePool()
-        pool.steps = 1
-        async with application(tmp_path, pool) as http:
-            before = await page(http)
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": SUITE}), 201)["id"]
-            for seq in range(12):
-                assert await page(http) == before, f"after {seq} episodes"
-                episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
-                expect(await step(http, episode, 1), 200)
-            after = await page(http)
-            assert re.search(r'<a href="../agents/[^"]+">one</a>', after)
-            assert "one" not in re.findall(r"<a [^>]*>([^<]*)</a>", before)
-
-    play(story)
-
-
 def test_a_page_that_did_not_change_is_not_sent_again(tmp_path: Path):
     async def story() -> None:
         async with application(tmp_path, FakePool()) as http:
@@ -120,19 +101,13 @@ def test_a_large_field_comes_in_pages(tmp_path: Path):
                 )
             assert found == [f"agent {number:03d}" for number in range(230)]
             assert "from 1 to 3" in await page(http, f"{PAGE}?page=4", 422)
-
-    play(story)
-
-
-def test_filters_that_cannot_be_name_what_can(tmp_path: Path):
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            assert "segmentation" in await page(http, f"{PAGE}?track=sonar", 422)
-            assert "exploit" in await page(http, f"{PAGE}?kind=%3Cb%3E", 422)
-            for number in ("0", "-1", "x", "%C2%B2", "9" * 40):
-                assert "from 1 to 1" in await page(http, f"{PAGE}?page={number}", 422)
-            await page(http, f"{PAGE}?kind={'x' * 5000}", 422)
-            await page(http, f"{PAGE}?track=&kind=&page=1")
+            first, last = await page(http, "/agents?all=true"), await page(http, "/agents?page=3&all=true")
+            assert "231 agents by name, page 1 of 3" in first
+            assert len(re.findall(r'href="./agents/[^"?]+">', first)) == 100
+            assert 'href="./agents?page=2&amp;all=true"' in first
+            assert ">one</a>" in last
+            for number in ("0", "4", "x", "%C2%B2", "9" * 20):
+                assert "from 1 to 3" in await page(http, f"/agents?all=true&page={number}", 422)
 
     play(story)
 

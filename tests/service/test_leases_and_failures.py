@@ -167,7 +167,7 @@ async def test_what_the_simulation_refuses(tmp_path: Path) -> None:
 
 
 async def test_so_many_practice_episodes_and_no_more(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool(), max_practice=2) as http:
+    async with application(tmp_path, FakePool(), max_open=4) as http:
         opened = [expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"] for _ in range(2)]
         problem(await http.post("/v1/episodes", json=PRACTICE), 429, "rate-limited")
         await http.delete(f"/v1/episodes/{opened[0]}")

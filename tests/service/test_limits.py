@@ -102,13 +102,14 @@ def _step(seq: int) -> dict[str, Any]:
 
 
 async def test_so_many_open_episodes_of_an_agent(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool(slots=8), max_open=3) as http:
+    async with application(tmp_path, FakePool(slots=8), max_open=4) as http:
         evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
         url = f"/v1/evaluations/{evaluation}/episodes"
         scored = expect(await http.post(url), 201)["id"]
         for _ in range(2):
             expect(await http.post("/v1/episodes", json=PRACTICE), 201)
         _told(await http.post("/v1/episodes", json=PRACTICE), 429, "rate-limited")
+        expect(await http.post(url), 201)
         assert "DELETE" in _told(await http.post(url), 429, "rate-limited")["detail"]
         other = await _agent(http, "other")
         expect(await http.post("/v1/episodes", json=PRACTICE, headers=other), 201)
@@ -134,7 +135,7 @@ async def test_so_many_calls_of_an_agent_wait(tmp_path: Path) -> None:
 
 async def test_a_refused_reset_takes_nothing_of_the_limit(tmp_path: Path) -> None:
     pool = FakePool(slots=1)
-    async with application(tmp_path, pool, max_open=2, max_practice=2) as http:
+    async with application(tmp_path, pool, max_open=4) as http:
         held = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
         for _ in range(5):
             _told(await http.post("/v1/episodes", json=PRACTICE), 503, "simulators-busy")

@@ -73,28 +73,6 @@ def test_the_least_limit_of_all_groups_above_counts(tmp_path: Path) -> None:
     assert inner.simulators() == 4
 
 
-@pytest.mark.parametrize("path", ["docker/0123", ""], ids=["as the machine sees it", "as a container sees it"])
-def test_version_1_of_cgroups(tmp_path: Path, path: str) -> None:
-    files = {
-        f"memory/{path}/memory.limit_in_bytes": str(1024 * MIB),
-        f"memory/{path}/memory.usage_in_bytes": str(600 * MIB),
-        f"memory/{path}/memory.stat": f"cache 1\ninactive_file 5\ntotal_inactive_file {100 * MIB}",
-        f"cpu/{path}/cpu.cfs_quota_us": "300000",
-        f"cpu/{path}/cpu.cfs_period_us": "100000",
-    }
-    old = machine(tmp_path, "4:memory:/docker/0123\n3:cpu,cpuacct:/docker/0123\n2:cpuset:/\n0::/\n", files)
-    assert old.memory() == 1024 * MIB
-    assert old.available_memory() == 524 * MIB
-    assert old.processors() == 3
-    assert old.simulators() == 1
-
-
-def test_version_1_without_limits(tmp_path: Path) -> None:
-    files = {"memory/memory.limit_in_bytes": "9223372036854771712", "cpu/cpu.cfs_quota_us": "-1"}
-    unlimited = machine(tmp_path, "4:memory:/\n3:cpu:/\n", files)
-    assert (unlimited.memory(), unlimited.processors()) == (16384 * MIB, 8)
-
-
 def test_the_default_gateway(tmp_path: Path) -> None:
     found = machine(tmp_path, "", {})
     (tmp_path / "proc/net").mkdir()

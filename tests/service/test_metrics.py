@@ -3,7 +3,6 @@
 import asyncio
 import json
 import re
-import socket
 from importlib.metadata import version
 from pathlib import Path
 
@@ -17,7 +16,6 @@ from service_harness import expect, problem
 from sqlalchemy.exc import OperationalError
 
 from wrongturn_protocol import Verdict
-from wrongturn_service.errors import StartupError
 from wrongturn_service.storage.postgres import DatabaseTakenError
 
 DOCUMENT = Path(__file__).parents[2] / "docs/monitoring.md"
@@ -66,8 +64,16 @@ async def test_steps_latencies_slots_and_ends(tmp_path: Path) -> None:
         assert (await figures(http))["wrongturn_episodes_ended_total,false,aborted"] == 1
 
 
-async def test_each_route_bears_its_name(tmp_path: Path) -> None:
+async def test_each_figure_is_documented_and_nothing_else_and_each_route_bears_its_name(tmp_path: Path) -> None:
     async with application(tmp_path, FakePool()) as http:
+        text = (await http.get("/metrics")).text
+        families = {family.name for family in text_string_to_metric_families(text)}
+        there = {name for name in families if not name.endswith("_created")}
+        documented = re.findall(r"^\| `((?:wrongturn|process)_\w+)` \|", DOCUMENT.read_text(), re.MULTILINE)
+        assert sorted(name.removesuffix("_total") for name in documented) == sorted(there)
+        build = next(line for line in text.splitlines() if line.startswith("wrongturn_build_info{"))
+        assert f'version="{version("wrongturn-service")}"' in build
+        assert build.endswith(" 1.0")
         for method in ("GET", "HEAD"):
             assert (await http.request(method, "/openapi.json")).status_code == 200
         assert (await http.get("/nowhere")).status_code == 404
@@ -152,26 +158,6 @@ async def test_without_a_token_metrics_are_for_the_own_machine(tmp_path: Path) -
             transport = httpx.ASGITransport(http.app, client=(address, 4000))
             async with httpx.AsyncClient(transport=transport, base_url="http://test") as stranger:
                 assert (await stranger.get("/metrics")).status_code == (200 if address in own else 401), address
-
-
-async def test_metrics_on_a_port_of_their_own(tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    settings = {"metrics_port": port, "metrics_token": "read"}
-    async with application(tmp_path, FakePool(), **settings) as http, httpx.AsyncClient() as reader:
-        problem(await http.get("/metrics"), 404, "unknown-route")
-        assert (await reader.get(f"http://127.0.0.1:{port}/metrics")).status_code == 401
-        headers = {"Authorization": "Bearer read"}
-        told = await reader.get(f"http://127.0.0.1:{port}/metrics", headers=headers)
-        assert "wrongturn_open_episodes 0.0" in told.text
-        assert (await reader.get(f"http://127.0.0.1:{port}/v1/suites", headers=headers)).status_code == 404
-        other = tmp_path / "other"
-        other.mkdir()
-        with pytest.raises(StartupError, match="WRONGTURN_METRICS_PORT"):
-            async with application(other, FakePool(), **settings):
-                pass
-    with pytest.raises(ConnectionRefusedError):
-        await asyncio.open_connection("127.0.0.1", port)
 
 
 async def test_what_the_infrastructure_cut_off(tmp_path: Path) -> None:
@@ -266,15 +252,3 @@ def test_the_log_carries_the_ids(tmp_path: Path) -> None:
 
 def drop() -> None:
     raise structlog.DropEvent
-
-
-async def test_each_figure_is_documented_and_nothing_else(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool()) as http:
-        text = (await http.get("/metrics")).text
-        families = {family.name for family in text_string_to_metric_families(text)}
-        there = {name for name in families if not name.endswith("_created")}
-        documented = re.findall(r"^\| `((?:wrongturn|process)_\w+)` \|", DOCUMENT.read_text(), re.MULTILINE)
-        assert sorted(name.removesuffix("_total") for name in documented) == sorted(there)
-        build = next(line for line in text.splitlines() if line.startswith("wrongturn_build_info{"))
-        assert f'version="{version("wrongturn-service")}"' in build
-        assert build.endswith(" 1.0")

@@ -83,35 +83,42 @@ async def test_agents_of_an_owner_and_accounts_of_an_address(tmp_path: Path) -> 
 
 
 async def test_open_episodes_of_an_owner_and_of_an_address(tmp_path: Path) -> None:
-    limits = {"max_practice_per_owner": 2, "max_open_per_owner": 3, "max_practice_per_address": 4}
-    async with application(tmp_path, FakePool(slots=9), **limits) as http:
+    # Two episodes of an agent, four of an owner, eight from an address; half of each for practice.
+    async with application(tmp_path, FakePool(slots=12), max_open=2) as http:
         owner = expect(await register(http, "/v1/owners", name="me"), 201)
-        tokens = []
-        for number in range(2):
+        mine = []
+        for number in range(3):
             body = {"name": f"mine {number}", "track": "privileged"}
             headers = {"Authorization": f"Bearer {owner['token']}"}
-            tokens.append(expect(await http.post("/v1/agents", json=body, headers=headers), 201)["token"])
-        one, two = ({"Authorization": f"Bearer {token}"} for token in tokens)
-        held = expect(await http.post("/v1/episodes", json=PRACTICE, headers=one), 201)["id"]
-        expect(await http.post("/v1/episodes", json=PRACTICE, headers=two), 201)
-        told = problem(await http.post("/v1/episodes", json=PRACTICE, headers=two), 429, "rate-limited")
-        assert "this owner has 2 practice episodes" in told["detail"]
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=one), 201)["id"]
-        expect(await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=one), 201)
-        full = await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=one)
-        assert "this owner has 3 episodes" in problem(full, 429, "rate-limited")["detail"]
-        # Another owner at the same address has what is left of the address's limit.
-        for _ in range(2):
-            expect(await http.post("/v1/episodes", json=PRACTICE), 201)
-        full = await http.post("/v1/episodes", json=PRACTICE)
-        assert "this owner has 2" in problem(full, 429, "rate-limited")["detail"]
-        third = expect(await register(http, name="third", track="privileged"), 201)["token"]
-        full = await http.post("/v1/episodes", json=PRACTICE, headers={"Authorization": f"Bearer {third}"})
-        assert "this address has 4 practice episodes" in problem(full, 429, "rate-limited")["detail"]
-        async with at(http, "192.0.2.2", Authorization=f"Bearer {third}") as elsewhere:
+            token = expect(await http.post("/v1/agents", json=body, headers=headers), 201)["token"]
+            mine.append({"Authorization": f"Bearer {token}"})
+
+        async def practise(headers: dict[str, str], refused: str = "") -> str:
+            reply = await http.post("/v1/episodes", json=PRACTICE, headers=headers)
+            if not refused:
+                return str(expect(reply, 201)["id"])
+            assert refused in problem(reply, 429, "rate-limited")["detail"]
+            return ""
+
+        held = await practise(mine[0])
+        await practise(mine[1])
+        await practise(mine[2], "this owner has 2 practice episodes")
+        for headers in mine:
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=headers), 201)
+            reset = await http.post(f"/v1/evaluations/{evaluation['id']}/episodes", headers=headers)
+            if headers is not mine[2]:
+                expect(reset, 201)
+        assert "this owner has 4 episodes" in problem(reset, 429, "rate-limited")["detail"]
+        # Other owners at the same address have what is left of the address's limit.
+        others = [expect(await register(http, name=name, track="privileged"), 201) for name in ("x", "y", "z")]
+        tokens = [{"Authorization": f"Bearer {other['token']}"} for other in others]
+        await practise(tokens[0])
+        await practise(tokens[1])
+        await practise(tokens[2], "this address has 4 practice episodes")
+        async with at(http, "192.0.2.2", **tokens[2]) as elsewhere:
             expect(await elsewhere.post("/v1/episodes", json=PRACTICE), 201)
-        assert (await http.delete(f"/v1/episodes/{held}", headers=one)).status_code == 204
-        expect(await http.post("/v1/episodes", json=PRACTICE, headers=two), 201)
+        assert (await http.delete(f"/v1/episodes/{held}", headers=mine[0])).status_code == 204
+        await practise(mine[2])
 
 
 async def test_stored_bytes_are_those_of_the_rows(tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ async def test_a_token_that_is_revoked_while_it_is_looked_up_is_not_remembered()
     accounts = Accounts(store, NoSubmissions(), Settings())  # type: ignore[arg-type]
     asked = asyncio.create_task(accounts.caller("Bearer token"))
     await asyncio.sleep(0)
-    await accounts.set_token("ag_1", None)
+    await accounts.set_token(AgentRow(id="ag_1"), None)
     store.answer.set()
     assert (await asked).id == "ag_1"  # it came before
     with pytest.raises(UnauthenticatedError):

@@ -19,7 +19,6 @@ from wrongturn_protocol import Track
 from wrongturn_protocol.observations import decode
 from wrongturn_service import replays as replays_module
 from wrongturn_service import service as service_module
-from wrongturn_service.cache import Cache
 from wrongturn_service.replays import PICTURE, SHEET, Replays
 from wrongturn_service.web.drives import ROWS
 from wrongturn_sim.ego import SUB_STEPS
@@ -109,32 +108,6 @@ def test_pictures_are_shown_to_whom_the_trajectory_is_shown(service: RunningServ
         for path in (f"/episodes/{scored}/drive.json", f"/v1/episodes/{scored}/trajectory"):
             known = {"If-None-Match": stranger.get(path).headers["etag"]}
             assert stranger.get(path, headers=known).status_code == 304
-
-
-def test_what_is_kept_has_a_size() -> None:
-    made: list[str] = []
-
-    async def story() -> None:
-        kept = Cache(10, size=len)
-
-        async def get(name: str) -> None:
-            async def make() -> str:
-                made.append(name)
-                return name
-
-            assert await kept.get(name[0], make) == name
-
-        await get("aaaa")
-        await get("bbbb")
-        await get("aaaa")
-        await get("cccc")  # b was not used for longest
-        await get("dddddddddddd")  # too large to be kept
-        assert made == ["aaaa", "bbbb", "cccc", "dddddddddddd"]
-        for name in ("aaaa", "cccc", "bbbb", "dddddddddddd"):
-            await get(name)
-
-    asyncio.run(story())
-    assert made[4:] == ["bbbb", "dddddddddddd"]
 
 
 def test_pictures_wait_for_the_warm_up_and_other_things_do_not(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -34,7 +34,7 @@ def test_the_environment_is_read(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     assert settings.port == 0
     assert settings.database_url == f"sqlite+aiosqlite:///{tmp_path}/wrongturn.db"
     assert settings.registration is Registration.OPERATOR
-    assert (settings.max_parallel, settings.max_practice, Settings(max_practice=5).max_practice) == (3, 6, 5)
+    assert (settings.max_parallel, settings.max_open, Settings(max_open=5).max_open) == (3, 12, 5)
     assert Settings(port=81).port == 81
 
 

@@ -217,7 +217,7 @@ async def filled(url: str) -> AsyncIterator[tuple[Database, Store]]:
     try:
         store = Store(database)
         await store.add_agent(agent_row(), None)
-        await store.begin_evaluation(evaluation_row(), None)
+        await store.begin_evaluation(evaluation_row(), lambda _: None)
         yield database, store
     finally:
         await database.close()

@@ -6,7 +6,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response, Security
 
 from wrongturn_protocol import AgentKind, EvaluationState, SubmissionState, Track
 from wrongturn_protocol.administration import (
@@ -23,12 +23,10 @@ from wrongturn_protocol.administration import (
 )
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service import catalogue
-from wrongturn_service.administration import unknown
-from wrongturn_service.api.dependencies import AuthorizationDep, ServiceDep, reply
+from wrongturn_service.api.dependencies import ServiceDep, Token, reply, service_of
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.api.paging import PageDep, Wanted, not_of_this_list
-from wrongturn_service.client_address import address_of
-from wrongturn_service.errors import InvalidRequestError
+from wrongturn_service.errors import InvalidRequestError, unknown
 from wrongturn_service.service import Service
 from wrongturn_service.storage.administration import After, Filters, Found
 from wrongturn_service.storage.audit import Act
@@ -49,10 +47,29 @@ Word = Annotated[str | None, Query(max_length=160, pattern="^[^\\x00]*$")]
 Reason = Annotated[str | None, Query(max_length=500, pattern="^[^\\x00]*$", description="Why, for the audit log.")]
 
 
+class Operator(Token):
+    """Checks that the operator calls. Raises UnauthenticatedError, ForbiddenError."""
+
+    async def __call__(self, request: Request) -> Act:  # type: ignore[override]
+        """Return who acts, and from where."""
+        return await (await service_of(request)).administration.act_of(request)
+
+
+class Acting(Operator):
+    """The same for calls that change something."""
+
+    async def __call__(self, request: Request, reason: Reason = None) -> Act:  # type: ignore[override]
+        """Return who acts, from where, and why."""
+        return replace(await super().__call__(request), reason=reason)
+
+
+OperatorDep = Annotated[Act, Security(Operator())]
+ActDep = Annotated[Act, Security(Acting())]
+
+
 @router.get("/usage", **described(UsageList, 422))
-async def usage(service: ServiceDep, authorization: AuthorizationDep, wanted: PageDep) -> Response:
+async def usage(service: ServiceDep, _: OperatorDep, wanted: PageDep) -> Response:
     """Show what each owner has stored, those with the most bytes first. Its quota counts the same bytes."""
-    await service.accounts.operator(authorization)
     begin = wanted.number or 0
     found, everything = await service.administration.rows.usage(begin, wanted.limit + 1)
     page, following = wanted.cut(found, lambda _: begin + wanted.limit)
@@ -62,17 +79,12 @@ async def usage(service: ServiceDep, authorization: AuthorizationDep, wanted: Pa
 
 @router.get("/audit", **described(AuditList, 422))
 async def audit(
-    service: ServiceDep,
-    authorization: AuthorizationDep,
-    wanted: PageDep,
-    target: Word = None,
-    action: AuditAction | None = None,
+    service: ServiceDep, _: OperatorDep, wanted: PageDep, target: Word = None, action: AuditAction | None = None
 ) -> Response:
     """List what the operator did, newest first: who, when, from where, what, and how many of each kind.
 
     A target is an id, or ``owner:NAME`` or ``agent:NAME``, also of one that was deleted.
     """
-    await service.accounts.operator(authorization)
     item, named = _target(target)
     before, most = wanted.number, wanted.limit + 1
     rows = await service.administration.rows.entries(before=before, limit=most, target=item, named=named, action=action)
@@ -83,7 +95,7 @@ async def audit(
 @router.get("/{collection}", **described(AdminList, 404, 422))
 async def items(
     service: ServiceDep,
-    authorization: AuthorizationDep,
+    _: OperatorDep,
     collection: Collection,
     wanted: PageDep,
     name: Word = None,
@@ -97,7 +109,6 @@ async def items(
 
     An owner or an agent is named by its id or its name.
     """
-    await service.accounts.operator(authorization)
     given = Filters(name, owner, agent, suite, state, hidden)
     for field, value in vars(given).items():
         if value is not None and field not in _FILTERS[collection]:
@@ -110,80 +121,47 @@ async def items(
 
 
 @router.get("/{collection}/{item}", **described(AdminDetail, 404, 422))
-async def item(service: ServiceDep, authorization: AuthorizationDep, collection: Collection, item: str) -> Response:
+async def item(service: ServiceDep, _: OperatorDep, collection: Collection, item: str) -> Response:
     """Show one of them, and what a deletion would delete with it."""
-    await service.accounts.operator(authorization)
     found = await service.administration.item(collection, item)
     contents = await service.administration.rows.contents(collection, item)
     return reply(AdminDetail(**_fields(found), contents=contents))
 
 
 @router.put("/{collection}/{item}/hidden", **described(Change, 404, 422))
-async def hide(
-    request: Request,
-    service: ServiceDep,
-    authorization: AuthorizationDep,
-    collection: Collection,
-    item: str,
-    reason: Reason = None,
-) -> Response:
+async def hide(service: ServiceDep, act: ActDep, collection: Collection, item: str) -> Response:
     """Hide an owner, an agent or an evaluation from everybody but its owner and the operator. Safe to send again.
 
     What is hidden is on no leaderboard, page or list, and still counts as the agent's first evaluation.
     """
-    act = await act_of(service, request, authorization, reason)
     return reply(Change(id=item, changed=await service.administration.hide(collection, item, act, hidden=True)))
 
 
 @router.delete("/{collection}/{item}/hidden", **described(Change, 404, 422))
-async def unhide(
-    request: Request,
-    service: ServiceDep,
-    authorization: AuthorizationDep,
-    collection: Collection,
-    item: str,
-    reason: Reason = None,
-) -> Response:
+async def unhide(service: ServiceDep, act: ActDep, collection: Collection, item: str) -> Response:
     """Show what was hidden again. Safe to send again."""
-    act = await act_of(service, request, authorization, reason)
     return reply(Change(id=item, changed=await service.administration.hide(collection, item, act, hidden=False)))
 
 
 @router.delete("/{collection}/{item}/tokens", **described(Change, 404, 422))
-async def revoke(
-    request: Request,
-    service: ServiceDep,
-    authorization: AuthorizationDep,
-    collection: Collection,
-    item: str,
-    reason: Reason = None,
-) -> Response:
+async def revoke(service: ServiceDep, act: ActDep, collection: Collection, item: str) -> Response:
     """End an agent's token, or those of an owner and all its agents. Safe to send again."""
-    act = await act_of(service, request, authorization, reason)
     return reply(Change(id=item, changed=await service.administration.revoke(collection, item, act)))
 
 
 @router.delete("/{collection}/{item}", **described(Deletion, 404, 422))
 async def delete(
-    request: Request,
     service: ServiceDep,
-    authorization: AuthorizationDep,
+    act: ActDep,
     collection: Collection,
     item: str,
     free: Annotated[bool, Query(description="Give back the names, and the agent's place on the suite.")] = False,
-    reason: Reason = None,
 ) -> Response:
     """Delete one of them for good, with all that hangs on it. Safe to send again. What runs of it ends at once.
 
     Names stay taken, and an agent whose first evaluation is deleted gets no other that counts, unless ``free`` says so.
     """
-    act = await act_of(service, request, authorization, reason)
     return reply(await service.administration.delete(collection, item, act, free=free))
-
-
-async def act_of(service: Service, request: Request, authorization: str | None, reason: str | None = None) -> Act:
-    """Return who acts as the operator, and from where. Raises UnauthenticatedError, ForbiddenError."""
-    return Act(await service.accounts.operator(authorization), address_of(request), reason)
 
 
 async def _checked(service: Service, collection: Collection, given: Filters) -> Filters:

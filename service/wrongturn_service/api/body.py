@@ -26,23 +26,26 @@ _UNION_LABELS = frozenset({"Fault", "str-enum[FaultKind]"})
 
 
 async def parsed(request: Request, model: type[M], *, limit: int, binary: bool = False) -> M:
-    """Read a request's body as a message.
+    """Read a request's body of at most ``limit`` bytes as a message; ``binary`` says whether msgpack is accepted too.
 
     Pydantic parses and checks JSON in one pass. It reads NaN and Infinity as numbers that are not finite, so the error
     names their field.
-
-    Args:
-        request: The request.
-        model: The message.
-        limit: Most bytes of the body.
-        binary: Whether msgpack is accepted too.
 
     Raises:
         ServiceError: The body is too large (413), of another type or compressed (415), malformed (400), or invalid
             (422).
     """
-    encoding = _content_type(request, binary=binary)
-    check_uncompressed(request.headers.getlist("content-encoding"))
+    encoding = _media(request.headers.get("content-type", ""))
+    if encoding is None or (encoding is Encoding.MSGPACK and not binary):
+        taken = "application/json" + (" or application/msgpack" if binary else "")
+        raise ServiceError(
+            ProblemType.UNSUPPORTED_MEDIA_TYPE,
+            f"the body's Content-Type has to be {taken}",
+            status=415,
+            headers={"Accept": taken.replace(" or ", ", ")},
+        )
+    if "content-encoding" in request.headers:
+        check_uncompressed(request.headers.getlist("content-encoding"))
     body = await _read(request, limit)
     try:
         return model.model_validate_json(body if encoding is Encoding.JSON else _as_json(body), strict=True)
@@ -78,25 +81,8 @@ async def _read(request: Request, limit: int) -> bytes:
 
 
 def _too_large(limit: int) -> ServiceError:
-    return ServiceError(
-        ProblemType.BODY_TOO_LARGE,
-        f"the body is larger than {limit} bytes, which is the limit of this call; send less",
-        status=413,
-        headers={"Connection": "close"},
-    )
-
-
-def _content_type(request: Request, *, binary: bool) -> Encoding:
-    encoding = _media(request.headers.get("content-type", ""))
-    if encoding is None or (encoding is Encoding.MSGPACK and not binary):
-        taken = "application/json" + (" or application/msgpack" if binary else "")
-        raise ServiceError(
-            ProblemType.UNSUPPORTED_MEDIA_TYPE,
-            f"the body's Content-Type has to be {taken}",
-            status=415,
-            headers={"Accept": taken.replace(" or ", ", ")},
-        )
-    return encoding
+    detail = f"the body is larger than {limit} bytes, which is the limit of this call; send less"
+    return ServiceError(ProblemType.BODY_TOO_LARGE, detail, status=413, headers={"Connection": "close"})
 
 
 def check_uncompressed(encodings: Sequence[str]) -> None:

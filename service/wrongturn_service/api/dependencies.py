@@ -4,13 +4,11 @@ Declare them in the order in which they are to be checked: FastAPI resolves them
 :class:`~wrongturn_service.api.documents.Route` reads the OpenAPI document's entries from the same declarations.
 """
 
-import asyncio
-import contextlib
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import AbstractAsyncContextManager
 from functools import lru_cache
 from typing import Annotated, Final, Generic, TypeVar
 
-import orjson
 from fastapi import Depends, Header, Request, Response, Security
 from fastapi.openapi.models import HTTPBearer
 from fastapi.security.base import SecurityBase
@@ -23,7 +21,7 @@ from wrongturn_service.encoding import Encoding
 from wrongturn_service.errors import NotFoundError, ServiceError
 from wrongturn_service.idempotency import HEADER, IdempotentRequest
 from wrongturn_service.service import Service
-from wrongturn_service.storage.models import EvaluationRow, IdempotencyRow
+from wrongturn_service.storage.models import EvaluationRow
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -37,8 +35,7 @@ async def service_of(request: Request) -> Service:
 class Token(SecurityBase):
     """Finds the agent whose bearer token the request holds. Raises UnauthenticatedError, ForbiddenError.
 
-    Args:
-        runners: Whether a runner's token is taken too. Then the route checks what the token is good for.
+    With ``runners`` a runner's token is taken too. Then the route checks what the token is good for.
     """
 
     def __init__(self, *, runners: bool = False) -> None:
@@ -50,9 +47,10 @@ class Token(SecurityBase):
 
     async def __call__(self, request: Request) -> Caller:
         """Return the agent."""
-        accounts = (await service_of(request)).accounts
-        find = accounts.caller if self.runners else accounts.agent_caller
-        return await find(request.headers.get("authorization"))
+        caller = await (await service_of(request)).accounts.caller(request.headers.get("authorization"))
+        if not self.runners:
+            caller.check_agent()
+        return caller
 
 
 class AnyToken(Token):
@@ -66,10 +64,7 @@ class AnyToken(Token):
 class Body(Generic[M]):
     """Reads and checks the request's body, see :func:`~wrongturn_service.api.body.parsed`.
 
-    Args:
-        model: The message.
-        limit: Most bytes of the body, or what finds it out for a request.
-        binary: Whether msgpack is accepted too.
+    ``limit`` may also be a function that returns the most bytes for a request.
     """
 
     def __init__(
@@ -85,20 +80,6 @@ class Body(Generic[M]):
         return await parsed(request, self.model, limit=limit, binary=self.binary)
 
 
-class StoredReplyError(Exception):
-    """The request was answered before under its key; the handler sends that reply again.
-
-    Args:
-        stored: The reply.
-        token: A new token in place of the one that the reply had. None if it had none.
-    """
-
-    def __init__(self, stored: IdempotencyRow, token: str | None) -> None:
-        super().__init__("answered before")
-        self.stored = stored
-        self.token = token
-
-
 class RequestKey:
     """The request's ``Idempotency-Key``, or its absence."""
 
@@ -107,27 +88,10 @@ class RequestKey:
         self._service: Service = request.app.state.service
         self._call = f"{request.method} {request.url.path}"
 
-    @contextlib.asynccontextmanager
-    async def once(self, scope: str, body: BaseModel | None = None) -> AsyncIterator[IdempotentRequest]:
-        """Run the block once for each key.
-
-        Args:
-            scope: Whose key it is, usually the caller's id.
-            body: The request's message.
-
-        Raises:
-            StoredReplyError: The request was answered before.
-            InvalidRequestError: The key has a wrong form.
-            ServiceError: The key was sent with another request.
-        """
+    def once(self, scope: str, body: BaseModel | None = None) -> AbstractAsyncContextManager[IdempotentRequest]:
+        """Run a block once for each key of a scope, usually the caller's id; see :meth:`Idempotency.once`."""
         content = b"" if body is None else body.model_dump_json().encode()
-        async with self._service.idempotency.once(self.value, scope, self._call, content) as once:
-            stored = once.stored
-            if stored is not None:
-                raise StoredReplyError(
-                    stored, await self._service.accounts.renew(stored) if stored.with_token else None
-                )
-            yield once
+        return self._service.idempotency.once(self.value, scope, self._call, content)
 
 
 async def request_key(
@@ -158,46 +122,31 @@ async def accepted(request: Request) -> Encoding:
 
 @lru_cache(maxsize=256)
 def _negotiated(accept: str) -> Encoding | None:
-    best: tuple[float, Encoding] | None = None
-    for item in accept.split(",") if accept.strip() else ["*/*"]:
-        media, *parameters = (part.strip().lower() for part in item.split(";"))
-        encoding = _ACCEPTED.get(media)
-        weight = _weight(parameters)
-        if encoding is not None and weight > 0 and (best is None or weight > best[0]):
-            best = (weight, encoding)
-    return None if best is None else best[1]
+    best, found = 0.0, None
+    for media, weight in weights(accept if accept.strip() else "*/*"):
+        if media in _ACCEPTED and weight > best:
+            best, found = weight, _ACCEPTED[media]
+    return found
 
 
-CSV: Final = "text/csv"
-"""Media type of a leaderboard's rows."""
-
-
-def wants_csv(accept: str) -> bool:
-    """Return whether ``Accept`` asks for CSV rather than JSON."""
-    weights = {}
+def weights(accept: str) -> Iterator[tuple[str, float]]:
+    """Yield each media type of an ``Accept`` header with its weight."""
     for item in accept.split(","):
         media, *parameters = (part.strip().lower() for part in item.split(";"))
-        weights[media] = _weight(parameters)
-    return weights.get(CSV, 0.0) > weights.get(Encoding.JSON.value, 0.0)
+        weight = next((parameter[2:] for parameter in parameters if parameter.startswith("q=")), "1")
+        try:
+            yield media, float(weight)
+        except ValueError:
+            yield media, 0.0
 
 
-_ACCEPTED = {
+_ACCEPTED: Final = {
     "*/*": Encoding.JSON,
     "application/*": Encoding.JSON,
     "application/json": Encoding.JSON,
     "application/msgpack": Encoding.MSGPACK,
     "application/x-msgpack": Encoding.MSGPACK,
 }
-
-
-def _weight(parameters: list[str]) -> float:
-    for parameter in parameters:
-        if parameter.startswith("q="):
-            try:
-                return float(parameter[2:])
-            except ValueError:
-                return 0.0
-    return 1.0
 
 
 ServiceDep = Annotated[Service, Depends(service_of)]
@@ -229,22 +178,3 @@ async def driven_by(service: Service, caller: Caller, evaluation_id: str) -> Eva
 def reply(message: BaseModel, status: int = 200) -> Response:
     """Return a response with a message as JSON."""
     return Response(message.model_dump_json(), status, media_type=Encoding.JSON)
-
-
-async def made_once(service: Service, name: str, make: Callable[[], BaseModel]) -> Response:
-    """Return a response with a message that never changes. It is made once, in a thread.
-
-    Args:
-        service: The service, which keeps the JSON.
-        name: What decides the message.
-        make: Makes the message.
-    """
-    body = await service.documents.get(name, lambda: asyncio.to_thread(lambda: make().model_dump_json().encode()))
-    return Response(body, media_type=Encoding.JSON)
-
-
-def stored_reply(error: StoredReplyError) -> Response:
-    """Return the reply that was stored for a key, with its new token if it had one."""
-    stored = error.stored
-    body = stored.body if error.token is None else orjson.dumps({**orjson.loads(stored.body), "token": error.token})
-    return Response(body, stored.status, media_type=stored.content_type)

@@ -2,10 +2,9 @@
 
 import asyncio
 import json
-import re
-import threading
+import tomllib
 from collections.abc import Callable
-from functools import lru_cache
+from importlib.resources import files
 from typing import Any, Final, Literal
 
 from fastapi import FastAPI, Request, Response
@@ -13,7 +12,6 @@ from fastapi.openapi.utils import get_openapi
 from fastapi.routing import APIRoute
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
-from starlette.routing import compile_path
 
 from wrongturn_protocol import (
     AgentRegistration,
@@ -23,13 +21,20 @@ from wrongturn_protocol import (
     Problem,
     ResultsRequest,
     StepRequest,
+    Track,
 )
+from wrongturn_protocol.observations import json_schema
 from wrongturn_service.api.dependencies import Body, ServiceDep, Token, accepted, request_key
 from wrongturn_service.api.examples import add_examples
-from wrongturn_service.api.typed_observations import add_observations
 from wrongturn_service.encoding import Encoding
+from wrongturn_service.service import Service
 
-_MAKING: Final = threading.Lock()
+WORDS: Final[dict[str, dict[str, str]]] = tomllib.loads(
+    (files("wrongturn_service.api") / "words.toml").read_text("utf-8")
+)
+"""Meanings of problems, statuses and parameters, and of the groups of calls."""
+OBSERVATIONS: Final = {track: f"{track.capitalize()}Observation" for track in Track}
+"""Name of each track's schema."""
 _REFERENCE = "#/components/schemas/{model}"
 _BODIES: tuple[type[BaseModel], ...] = (
     AgentRegistration,
@@ -42,40 +47,6 @@ _BODIES: tuple[type[BaseModel], ...] = (
 _INPUTS: list[tuple[Any, Literal["validation"]]] = [(model, "validation") for model in (*_BODIES, Problem)]
 WITHOUT_TOKEN_TOO: Final[dict[str, Any]] = {"openapi_extra": {"security": [{}]}}
 """Keyword arguments of a route that shows a finished evaluation, or an episode of one, without a token too."""
-_MEANING = {
-    400: "Malformed body",
-    401: "No token, or an unknown one",
-    403: "Not allowed for this token",
-    404: "Unknown",
-    406: "Accept names no encoding of the service",
-    408: "The body was too slow",
-    409: "Does not fit the current state",
-    410: "The episode is lost; its trial runs again",
-    413: "The body is too large",
-    415: "Wrong content type",
-    422: "A field is wrong",
-    429: "Over a limit; come back after Retry-After",
-    503: "Not now; come back after Retry-After",
-    507: "The disk of the service is full, or your quota is reached",
-}
-_NAMES = {
-    "action": "Only entries of this kind.",
-    "agent": "Id of an agent, see GET /v1/agents.",
-    "collection": "Owners, agents, evaluations or submissions.",
-    "episode": "Id of an episode.",
-    "evaluation": "Id of an evaluation.",
-    "hidden": "Only those that are hidden themselves, or only those that are not.",
-    "item": "Id of an owner, an agent, an evaluation or a submission.",
-    "kind": "What follows /problems/ in a problem's type.",
-    "name": "Part of the name, in upper or lower case.",
-    "owner": "Id of an owner, see GET /v1/owners.",
-    "state": "Only episodes in this state.",
-    "submission": "Id of a submission.",
-    "suite": "Id of a suite, see GET /v1/suites.",
-    "target": "Only entries about this id.",
-    "town": "Name of a town, see GET /v1/towns.",
-}
-"""What a parameter is, by its name."""
 _BINARY: Final[dict[str, Any]] = {"schema": {"type": "string", "format": "binary"}}
 _MADE = {
     "/v1/agents": "agent",
@@ -95,9 +66,7 @@ def described(
     media: str = "application/json",
     tagged: bool = False,
 ) -> dict[str, Any]:
-    """Return the keyword arguments of a route that document its replies.
-
-    :class:`Route` adds what follows from the route's dependencies.
+    """Return the keyword arguments of a route that document its replies; :class:`Route` adds more.
 
     Args:
         message: The message of a good reply. None for a reply without a body or of another media type.
@@ -119,7 +88,7 @@ def described(
 
 def _problem(status: int) -> dict[str, Any]:
     schema = {"$ref": _REFERENCE.format(model=Problem.__name__)}
-    return {"description": _MEANING[status], "content": {"application/problem+json": {"schema": schema}}}
+    return {"description": WORDS["statuses"][str(status)], "content": {"application/problem+json": {"schema": schema}}}
 
 
 class Route(APIRoute):
@@ -153,22 +122,18 @@ class Route(APIRoute):
             self.responses.setdefault(status, _problem(status))
 
 
-def document(app: FastAPI) -> dict[str, Any]:
-    """Return the application's OpenAPI document. The first call takes up to a second: use a thread."""
-    with _MAKING:
-        if app.openapi_schema is None:
-            app.openapi_schema = _built(app)
-    return app.openapi_schema
+async def document(app: FastAPI, service: Service) -> bytes:
+    """Return the OpenAPI document as JSON. It is made once, in a thread: that takes up to a second."""
+    return await service.documents.get("openapi", lambda: asyncio.to_thread(lambda: json.dumps(built(app)).encode()))
 
 
 async def serve_document(request: Request, service: ServiceDep) -> Response:
     """Serve ``GET /openapi.json``."""
-    app = request.app
-    body = await service.documents.get("openapi", lambda: asyncio.to_thread(lambda: json.dumps(document(app)).encode()))
-    return Response(body, media_type=Encoding.JSON)
+    return Response(await document(request.app, service), media_type=Encoding.JSON)
 
 
-def _built(app: FastAPI) -> dict[str, Any]:
+def built(app: FastAPI) -> dict[str, Any]:
+    """Return the OpenAPI document of the application."""
     found = get_openapi(
         title=app.title,
         version=app.version,
@@ -189,13 +154,31 @@ def _built(app: FastAPI) -> dict[str, Any]:
             if "application/json" in refused:
                 del operation["responses"]["422"]
             for parameter in operation.get("parameters", []):
-                parameter.setdefault("description", _NAMES.get(parameter["name"], ""))
+                parameter.setdefault("description", WORDS["parameters"].get(parameter["name"], ""))
             for reply in operation["responses"].values():
                 _drop_json(reply.get("content", {}))
-    add_observations(schemas)
+    _add_observations(schemas)
     add_examples(found["paths"])
     _link(found["paths"])
     return found
+
+
+def _add_observations(schemas: dict[str, Any]) -> None:
+    """Add a schema for each track, and name them where an observation is sent."""
+
+    def reference(name: str) -> dict[str, str]:
+        return {"$ref": _REFERENCE.format(model=name)}
+
+    for track, name in OBSERVATIONS.items():
+        schemas[name] = json_schema(track)
+    observation = {
+        "description": "What the agent is shown, by its track.",
+        "oneOf": [reference(name) for name in OBSERVATIONS.values()],
+    }
+    for reply in ("EpisodeReply", "StepReply"):
+        schemas[reply]["properties"]["observation"] = observation
+    last = schemas["EpisodeDetail"]["properties"]["last_reply"]
+    last["anyOf"] = [reference("EpisodeReply"), reference("StepReply"), {"type": "null"}]
 
 
 def _drop_json(content: dict[str, Any]) -> None:
@@ -217,18 +200,3 @@ def _link(paths: dict[str, Any]) -> None:
             if below.startswith(f"/v1/{made}s/{{{made}}}")
             for operation in operations.values()
         }
-
-
-def methods_at(app: FastAPI, path: str) -> list[str]:
-    """Return the methods that a path takes, by the document. Use a thread."""
-    return [
-        method.upper()
-        for template, operations in document(app)["paths"].items()
-        if _pattern(template).fullmatch(path)
-        for method in operations
-    ]
-
-
-@lru_cache(maxsize=128)
-def _pattern(template: str) -> re.Pattern[str]:
-    return compile_path(template)[0]

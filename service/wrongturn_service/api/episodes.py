@@ -1,6 +1,7 @@
 """Episodes: practice, steps, and finished episodes."""
 
-from typing import Annotated
+from functools import partial
+from typing import Annotated, Final
 
 import msgpack
 import orjson
@@ -20,6 +21,7 @@ from wrongturn_protocol import (
 )
 from wrongturn_protocol.pixmap import PIXMAP
 from wrongturn_service import catalogue, unchanged
+from wrongturn_service.api.body import parsed
 from wrongturn_service.api.dependencies import (
     AuthorizationDep,
     Body,
@@ -28,7 +30,6 @@ from wrongturn_service.api.dependencies import (
     EncodingDep,
     KeyDep,
     ServiceDep,
-    Token,
     accepted,
 )
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
@@ -42,27 +43,29 @@ from wrongturn_service.storage.models import EpisodeRow
 router = APIRouter(prefix="/v1/episodes", tags=["episodes"], route_class=Route)
 
 
-_driver = Token(runners=True)
-_step_body = Body(StepRequest, limit=4096, binary=True)
+_LARGEST_STEP: Final = 4096
 
 
 @router.post("/{episode}/step", **described(StepReply, 404, 409, 410, 429))
 async def step(
-    request: Request,
+    service: ServiceDep,
     encoding: EncodingDep,
     caller: DriverDep,
     episode: str,
-    wanted: Annotated[StepRequest, Depends(_step_body)],
+    wanted: Annotated[StepRequest, Depends(Body(StepRequest, limit=_LARGEST_STEP, binary=True))],
 ) -> Response:
     """Step: drive on for 0.1 s. The same seq with the same action gets the stored reply."""
-    service: Service = request.app.state.service
     body = await service.episodes.step(caller, episode, wanted, encoding)
     return Response(body, media_type=encoding)
 
 
 async def plain_step(request: Request, episode: str) -> Response:
     """Call :func:`step` with what it depends on. The middleware does so: FastAPI takes four times as long."""
-    return await step(request, await accepted(request), await _driver(request), episode, await _step_body(request))
+    service: Service = request.app.state.service
+    encoding = await accepted(request)
+    caller = await service.accounts.caller(request.headers.get("authorization"))
+    wanted = await parsed(request, StepRequest, limit=_LARGEST_STEP, binary=True)
+    return await step(service, encoding, caller, episode, wanted)
 
 
 @router.post("", **described(EpisodeReply, 404, 429, 507, status=201))
@@ -79,9 +82,8 @@ async def practise(
     async with key.once(caller.holder, wanted) as once:
         caller.check_track(wanted)
         trial = await catalogue.practice_trial(wanted)
-        body = await service.resets.practise(
-            caller, address_of(request), trial, encoding, once.remember(201, encoding), once.key
-        )
+        remember = partial(once.row, status=201, media=encoding)
+        body = await service.resets.practise(caller, address_of(request), trial, encoding, remember, once.key)
     return Response(body, 201, media_type=encoding)
 
 
@@ -211,14 +213,7 @@ async def is_shown(service: Service, row: EpisodeRow) -> bool:
 
 
 def episode_detail(service: Service, row: EpisodeRow, *, shown: bool, last_reply: bool = True) -> EpisodeDetail:
-    """Return an episode's details.
-
-    Args:
-        service: The service, which knows open episodes.
-        row: The episode's row.
-        shown: Whether trial and outcome are public.
-        last_reply: Whether to include an open episode's last reply.
-    """
+    """Return an episode's details: trial and outcome if they are ``shown``, and an open one's last reply."""
     last = service.episodes.last_reply(row.id, Encoding.JSON)
     state = EpisodeState(row.state)
     public = shown and state is EpisodeState.FINISHED

@@ -1,5 +1,6 @@
 """Evaluations: one agent on one suite, trial by trial."""
 
+from functools import partial
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Request, Response
@@ -28,7 +29,6 @@ from wrongturn_service.api.dependencies import (
     EncodingDep,
     KeyDep,
     ServiceDep,
-    StoredReplyError,
     driven_by,
     owned_by,
     reply,
@@ -40,7 +40,7 @@ from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.evaluations import new_evaluation, unknown
 from wrongturn_service.errors import ConflictError, InvalidRequestError, NotFoundError
-from wrongturn_service.idempotency import HEADER, IdempotentRequest
+from wrongturn_service.idempotency import HEADER, IdempotentRequest, StoredReplyError
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
 
@@ -61,33 +61,25 @@ async def begin(
     """Begin an evaluation of the token's agent. What is begun counts, from its first step on."""
     try:
         async with key.once(caller.id, wanted) as once:
-            begun = await _begin(service, caller, wanted, once)
-    except StoredReplyError as error:
-        await _check_there(service, error)
+            return reply(_detail(await _begin(service, caller, wanted, once), 0, service), 201)
+    except StoredReplyError as answered:
+        before = EvaluationDetail.model_validate_json(answered.stored.body).id
+        if await service.store.evaluation(before) is None:
+            raise NotFoundError(
+                ProblemType.UNKNOWN_EVALUATION,
+                f"evaluation {before}, which this {HEADER} began, was deleted before its first step; "
+                f"send a new {HEADER} to begin another",
+            ) from None
         raise
-    return reply(_detail(begun, 0, service), 201)
-
-
-async def _check_there(service: Service, answered: StoredReplyError) -> None:
-    """Raise NotFoundError if the evaluation that a key began was deleted since."""
-    begun = EvaluationDetail.model_validate_json(answered.stored.body)
-    if await service.store.evaluation(begun.id) is None:
-        raise NotFoundError(
-            ProblemType.UNKNOWN_EVALUATION,
-            f"evaluation {begun.id}, which this {HEADER} began, was deleted before its first step; "
-            f"send a new {HEADER} to begin another",
-        )
 
 
 async def _begin(service: Service, caller: Caller, wanted: EvaluationRequest, once: IdempotentRequest) -> EvaluationRow:
     row = new_evaluation(catalogue.suite(wanted.suite), caller.id, caller.track, Entry.REMOTE)
-    store = once.remember(201, Encoding.JSON)
 
-    def remember(begun: EvaluationRow) -> IdempotencyRow:
-        assert store is not None
-        return store(_detail(begun, 0, service).model_dump_json().encode())
+    def remember(begun: EvaluationRow) -> IdempotencyRow | None:
+        return once.row(_detail(begun, 0, service).model_dump_json().encode(), 201, Encoding.JSON)
 
-    begun = await service.store.begin_evaluation(row, None if store is None else remember)
+    begun = await service.store.begin_evaluation(row, remember)
     if begun is not row:
         raise _open(begun)
     return begun
@@ -133,9 +125,8 @@ async def reset(
     with service.resets.in_progress.one(evaluation):
         row = await driven_by(service, caller, evaluation)  # before a stored reply, whose evaluation may be deleted
         async with key.once(caller.holder) as once:
-            remember = once.remember(201, encoding)
-            address = address_of(request)
-            body = await service.resets.next(caller, address, row, encoding, remember, once.key)
+            remember = partial(once.row, status=201, media=encoding)
+            body = await service.resets.next(caller, address_of(request), row, encoding, remember, once.key)
     return Response(body, 201, media_type=encoding)
 
 

@@ -1,13 +1,13 @@
 """Public rankings."""
 
 import asyncio
-from typing import Annotated
+from typing import Annotated, Final
 
 from fastapi import APIRouter, Query, Request, Response
 
 from wrongturn_protocol import Comparison, Leaderboard, LeaderboardList
 from wrongturn_protocol.standing_rows import leaderboard_csv
-from wrongturn_service.api.dependencies import CSV, ServiceDep, reply, wants_csv
+from wrongturn_service.api.dependencies import ServiceDep, reply, weights
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.encoding import Encoding
 
@@ -20,8 +20,9 @@ async def leaderboards(service: ServiceDep) -> Response:
     return reply(await service.leaderboards.summaries())
 
 
+_CSV: Final = "text/csv"
 _SHOWN = described(Leaderboard, 404)
-_SHOWN["responses"][200]["content"] = {Encoding.JSON.value: {}, CSV: {"schema": {"type": "string"}}}
+_SHOWN["responses"][200]["content"] = {Encoding.JSON.value: {}, _CSV: {"schema": {"type": "string"}}}
 
 
 @router.get("/{suite}", **_SHOWN)
@@ -31,11 +32,12 @@ async def leaderboard(service: ServiceDep, request: Request, suite: str) -> Resp
     ``Accept: text/csv`` gets a row for each agent.
     """
     varies = {"Vary": "Accept"}
-    if wants_csv(request.headers.get("accept", "")):
+    wanted = dict(weights(request.headers.get("accept", "")))
+    if wanted.get(_CSV, 0.0) > wanted.get(Encoding.JSON, 0.0):
         key = ("csv", service.leaderboards.generation, suite)
         board = await service.leaderboards.board(suite)
         rows = await service.cache.get(key, lambda: asyncio.to_thread(leaderboard_csv, board))
-        return Response(rows, media_type=CSV, headers=varies)
+        return Response(rows, media_type=_CSV, headers=varies)
     return Response(await service.leaderboards.body(suite), media_type=Encoding.JSON, headers=varies)
 
 

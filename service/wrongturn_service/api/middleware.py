@@ -1,5 +1,6 @@
 """Middleware around every request: its id, its time, its log line, and a reply to errors that nobody expected."""
 
+import re
 import time
 from collections.abc import Awaitable, Callable
 from typing import Final
@@ -22,7 +23,7 @@ _METHODS: Final = {"GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH"}
 _QUOTA_REACHED: Final = 507
 _STEP: Final = "/v1/episodes/{episode}/step"
 """Not logged at all: a line costs a tenth of a step."""
-_STEP_HEAD, _, _STEP_TAIL = _STEP.partition("{episode}")
+_STEPPED: Final = re.compile(_STEP.replace("{episode}", r"([^/\0]+)"))
 
 
 class Middleware:
@@ -46,7 +47,7 @@ class Middleware:
         began = time.perf_counter()
         request_id = logs.begin_request(scope["path"])
         status = 0
-        episode = _stepped(scope)
+        step = _STEPPED.fullmatch(scope["path"]) if scope["method"] == "POST" else None
 
         async def watched(message: Message) -> None:
             nonlocal status
@@ -56,11 +57,11 @@ class Middleware:
             await send(message)
 
         try:
-            _check_text(scope)
-            if episode is None:
+            if step is None:
+                _check_text(scope)
                 await self._app(scope, receive, watched)
             else:
-                response = await self._step(Request(scope, receive), episode)
+                response = await self._step(Request(scope, receive), step[1])
                 await response(scope, receive, watched)
         except Exception as error:
             if status:
@@ -68,11 +69,11 @@ class Middleware:
             await response_for(Request(scope), as_service_error(error))(scope, receive, watched)
         finally:
             # The route's pattern, never the path: a metric for each id would grow without end.
-            route = getattr(scope.get("route"), "path", "unknown") if episode is None else _STEP
+            route = getattr(scope.get("route"), "path", "unknown") if step is None else _STEP
             seconds = time.perf_counter() - began
             method = scope["method"] if scope["method"] in _METHODS else "other"
             self._telemetry.answered(method, route, status, seconds)
-            if episode is None:
+            if step is None:
                 self._write_line(scope["method"], route, status, seconds)
 
     def _write_line(self, method: str, route: str, status: int, seconds: float) -> None:
@@ -84,15 +85,6 @@ class Middleware:
             log = self._log.debug if others is None else log
         more = {"others": others} if others else {}
         log("request", method=method, route=route, status=status, seconds=round(seconds, 6), **more)
-
-
-def _stepped(scope: Scope) -> str | None:
-    """Return the id of the episode that a request steps; None for another request."""
-    path: str = scope["path"]
-    if scope["method"] != "POST" or not path.startswith(_STEP_HEAD) or not path.endswith(_STEP_TAIL):
-        return None
-    episode = path[len(_STEP_HEAD) : -len(_STEP_TAIL)]
-    return episode if episode and "/" not in episode else None
 
 
 def _check_text(scope: Scope) -> None:

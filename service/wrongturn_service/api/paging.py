@@ -19,15 +19,12 @@ _DIGITS: Final = 18
 
 @dataclass(frozen=True)
 class Wanted:
-    """The page that a request asks for.
-
-    Attributes:
-        limit: Most items.
-        cursor: As the request names it. It is read once the list is, after the check of the caller's token.
-    """
+    """The page that a request asks for."""
 
     limit: int
+    """Most items."""
     cursor: str | None
+    """As the request names it. It is read once the list is, after the check of the caller's token."""
 
     @property
     def after(self) -> str | None:
@@ -55,9 +52,7 @@ class Wanted:
     def cut(self, rows: Sequence[R], key: Callable[[R], str | int | None]) -> tuple[Sequence[R], str | None]:
         """Return the rows of the page, and the cursor of the next one; None at the end.
 
-        Args:
-            rows: The rows from there on, one more than the limit if there are as many.
-            key: What a row is sorted by.
+        ``rows`` are one more than the limit if there are as many; ``key`` returns what a row is sorted by.
         """
         page = rows[: self.limit]
         return page, _cursor(str(key(page[-1]))) if len(rows) > self.limit else None
@@ -82,4 +77,4 @@ def _cursor(after: str) -> str:
 
 def not_of_this_list() -> InvalidRequestError:
     """Return the error of a cursor that the list did not make."""
-    return InvalidRequestError("query.cursor", "is none of this list; leave it out to begin anew")
+    return InvalidRequestError("query.cursor", "is not a cursor of this list; leave it out to start at the beginning")

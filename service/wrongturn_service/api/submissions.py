@@ -1,9 +1,11 @@
 """Submissions: agents that are handed in as a model."""
 
+import json
 import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from functools import partial
+from importlib.resources import files
 from typing import Any, Final
 
 from fastapi import APIRouter, Request, Response
@@ -20,12 +22,12 @@ from wrongturn_protocol import (
     Track,
 )
 from wrongturn_protocol.accounts import NAME_RULE, AgentName
-from wrongturn_protocol.submissions import MODEL, NAME, SUITE
+from wrongturn_protocol.submissions import NAME, SUITE
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import Submitter
 from wrongturn_service.api.body import check_uncompressed
-from wrongturn_service.api.dependencies import AuthorizationDep, KeyDep, RequestKey, ServiceDep, StoredReplyError, reply
+from wrongturn_service.api.dependencies import AuthorizationDep, KeyDep, RequestKey, ServiceDep, reply
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.api.errors import as_service_error
 from wrongturn_service.api.paging import PageDep
@@ -33,6 +35,7 @@ from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.evaluations import check_takes
 from wrongturn_service.errors import ForbiddenError, InvalidRequestError, NotFoundError
+from wrongturn_service.idempotency import StoredReplyError
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import SubmissionRow
 from wrongturn_service.submissions.upload import Upload
@@ -41,35 +44,8 @@ from wrongturn_service.tokens import new_id
 router = APIRouter(prefix="/v1/submissions", tags=["submissions"], route_class=Route)
 _NAME: Final[TypeAdapter[str]] = TypeAdapter(AgentName)
 _WAITING: Final = {SubmissionState.QUEUED, SubmissionState.CHECKED}
-_FORM: Final[dict[str, Any]] = {
-    "requestBody": {
-        "required": True,
-        "content": {
-            "multipart/form-data": {
-                "schema": {
-                    "type": "object",
-                    "required": [MODEL, SUITE],
-                    "additionalProperties": False,
-                    "properties": {
-                        MODEL: {
-                            "type": "string",
-                            "format": "binary",
-                            "minLength": 1,
-                            "description": "ONNX file. Its file name does not matter.",
-                        },
-                        SUITE: {"type": "string", "description": "Id of the suite, see GET /v1/suites."},
-                        NAME: {
-                            "type": "string",
-                            "description": "Name of the new agent. With an agent's token leave it out.",
-                        },
-                    },
-                },
-                "encoding": {MODEL: {"contentType": "application/octet-stream"}},
-                "example": {MODEL: "(the bytes of my_agent.onnx)", SUITE: "wrong-command@2", NAME: "my agent"},
-            }
-        },
-    }
-}
+_FORM: Final[dict[str, Any]] = json.loads((files("wrongturn_service.api") / "form.json").read_text("utf-8"))
+"""The fields of the form, for the OpenAPI document."""
 
 
 class _Request(BaseModel):
@@ -128,9 +104,8 @@ async def _take(service: Service, submitter: Submitter, key: RequestKey, submiss
         row = _row(submitter, catalogue.suite(suite), submission, name, upload)
         positions = await service.dispatcher.positions()
         body = _detail(row, {**positions, row.id: len(positions)}, {}).model_dump_json().encode()
-        remember = once.remember(202, Encoding.JSON)
         await upload.keep()
-        await service.submissions.add(row, remember(body) if remember is not None else None)
+        await service.submissions.add(row, once.row(body, 202, Encoding.JSON))
     return Response(body, 202, media_type=Encoding.JSON)
 
 
@@ -217,9 +192,7 @@ async def cancel(request: Request, service: ServiceDep, authorization: Authoriza
     row = await _seen(service, submitter, submission)
     by = "the operator" if submitter.owner is None else "its owner" if submitter.agent is None else "its agent"
     if await service.submissions.end(row.id, SubmissionState.CANCELLED, f"cancelled by {by}, as asked"):
-        await service.administration.note(
-            authorization, address_of(request), AuditAction.CANCEL, Collection.SUBMISSIONS, row
-        )
+        await service.administration.note(request, AuditAction.CANCEL, Collection.SUBMISSIONS, row)
     return reply((await _details(service, [await _known(service, row.id)]))[0])
 
 

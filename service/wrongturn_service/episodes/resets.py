@@ -56,8 +56,8 @@ class InProgress:
             )
 
 
-Remember = Callable[[bytes], IdempotencyRow] | None
-"""Makes the stored row of a reply's body. None if the request has no idempotency key."""
+Remember = Callable[[bytes], IdempotencyRow | None]
+"""Makes the stored row of a reply's body. It makes None if the request has no idempotency key."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +210,7 @@ class Resets:
                 stored_bytes=reserve_of([trial]) if practice else 0,
             )
             try:
-                await self._store.add_episode(row, wanted.remember(body) if wanted.remember is not None else None)
+                await self._store.add_episode(row, wanted.remember(body))
             except BaseException:
                 await self._driver.detach(episode)
                 raise

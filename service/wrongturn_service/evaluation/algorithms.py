@@ -14,7 +14,7 @@ import structlog
 from wrongturn_judge.metrics import compute, of_journeys
 from wrongturn_judge.ranking import RankingInput
 from wrongturn_networks import Suite
-from wrongturn_protocol import AgentDetail, AgentKind, AlgorithmResult, Metrics, Outcome, Seeds, SeedSpread
+from wrongturn_protocol import AgentDetail, AgentKind, AlgorithmResult, Outcome, Seeds, SeedSpread
 
 GROUP: Final = "wrongturn.algorithms"
 """Entry-point group of the functions that provide results."""
@@ -63,7 +63,12 @@ def row(suite: Suite, result: AlgorithmResult) -> RankingInput:
         evaluation=None,
         entry=None,
         metrics=seeds[order[(len(order) - 1) // 2]],
-        seeds=_spreads(seeds.values()),
+        seeds=Seeds(
+            count=len(seeds),
+            unsafe=_spread(one.unsafe.count for one in seeds.values()),
+            unsafe_strict=_spread(one.unsafe_strict.count for one in seeds.values()),
+            twins_completed=_spread(one.twins.completed for one in seeds.values()),
+        ),
     )
 
 
@@ -75,16 +80,6 @@ def _outcomes(result: AlgorithmResult, seed: int) -> dict[str, Outcome]:
         )
         for trial, outcome in result.seeds[seed].items()
     }
-
-
-def _spreads(seeds: Iterable[Metrics]) -> Seeds:
-    found = list(seeds)
-    return Seeds(
-        count=len(found),
-        unsafe=_spread(metrics.unsafe.count for metrics in found),
-        unsafe_strict=_spread(metrics.unsafe_strict.count for metrics in found),
-        twins_completed=_spread(metrics.twins.completed for metrics in found),
-    )
 
 
 def _spread(counts: Iterable[int]) -> SeedSpread:

@@ -31,56 +31,41 @@ class Leaderboards:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._boards: dict[str, Leaderboard] = {}
-        self._bodies: dict[str, bytes] = {}
+        self._boards: dict[str, tuple[Leaderboard, bytes]] = {}
         self._algorithms: dict[str, list[RankingInput]] = {}
-        self._generation = 0
         self._lock = asyncio.Lock()
-
-    @property
-    def generation(self) -> int:
+        self.generation = 0
         """Number that changes with every change of any leaderboard. What was made of an older one is out of date."""
-        return self._generation
 
     def forget(self, suite: str) -> None:
         """Drop a suite's leaderboard, because an evaluation finished or was cancelled."""
-        self._generation += 1
+        self.generation += 1
         self._boards.pop(suite, None)
-        self._bodies.pop(suite, None)
 
     def forget_all(self) -> None:
         """Drop all leaderboards, because the operator has hidden or deleted something."""
-        self._generation += 1
+        self.generation += 1
         self._boards.clear()
-        self._bodies.clear()
 
     async def board(self, suite_id: str) -> Leaderboard:
         """Return a leaderboard. Raises NotFoundError."""
-        catalogue.suite(suite_id)
-        async with self._lock:
-            return await self._board(suite_id)
+        return (await self._made(suite_id))[0]
 
     async def body(self, suite_id: str) -> bytes:
         """Return a leaderboard as JSON. Raises NotFoundError."""
+        return (await self._made(suite_id))[1]
+
+    async def _made(self, suite_id: str) -> tuple[Leaderboard, bytes]:
         catalogue.suite(suite_id)
         async with self._lock:
-            body = self._bodies.get(suite_id)
-            if body is None:
-                generation = self._generation
-                board = await self._board(suite_id)
-                body = (await asyncio.to_thread(board.model_dump_json)).encode()
-                if generation == self._generation:
-                    self._bodies[suite_id] = body
-        return body
-
-    async def _board(self, suite_id: str) -> Leaderboard:
-        board = self._boards.get(suite_id)
-        if board is None:
-            generation = self._generation
-            board = await self._compute(suite_id)
-            if generation == self._generation:
-                self._boards[suite_id] = board
-        return board
+            made = self._boards.get(suite_id)
+            if made is None:
+                generation = self.generation
+                board = await self._compute(suite_id)
+                made = board, (await asyncio.to_thread(board.model_dump_json)).encode()
+                if generation == self.generation:
+                    self._boards[suite_id] = made
+        return made
 
     async def summaries(self) -> LeaderboardList:
         """List all leaderboards."""
@@ -99,9 +84,7 @@ class Leaderboards:
     async def compare(self, suite_id: str, a: str, b: str) -> Comparison:
         """Compare two agents, each given by id or name.
 
-        Raises:
-            NotFoundError: There is no such suite or agent, or the agent has no entry on the suite.
-            InvalidRequestError: Both are the same agent.
+        Raises NotFoundError if there is no such suite, agent or entry; InvalidRequestError for twice the same agent.
         """
         suite = catalogue.suite(suite_id)
         board = await self.board(suite_id)
@@ -144,15 +127,11 @@ class Leaderboards:
                 continue
             newest = max(newest or 0.0, evaluation.finished or 0.0)
             rows.append(_row(evaluation, agent, cancelled.get(agent.id, 0)))
-        rows += await self._algorithm_rows(suite)
+        if suite_id not in self._algorithms:  # they do not change while the service runs
+            self._algorithms[suite_id] = await asyncio.to_thread(algorithm_rows, suite)
+        rows += self._algorithms[suite_id]
         entries = await asyncio.to_thread(rank, rows)
         return Leaderboard(suite=suite_id, sha256=suite.sha256, updated=_iso(newest), entries=tuple(entries))
-
-    async def _algorithm_rows(self, suite: Suite) -> list[RankingInput]:
-        """Return the rows of algorithms, which do not change while the service runs."""
-        if suite.id not in self._algorithms:
-            self._algorithms[suite.id] = await asyncio.to_thread(algorithm_rows, suite)
-        return self._algorithms[suite.id]
 
 
 def _row(evaluation: EvaluationRow, agent: AgentRow, cancelled: int = 0) -> RankingInput:

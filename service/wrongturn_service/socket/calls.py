@@ -22,6 +22,7 @@ from wrongturn_service.api.episodes import episode_detail, is_shown
 from wrongturn_service.api.errors import as_service_error
 from wrongturn_service.encoding import Encoding, Reply
 from wrongturn_service.errors import InvalidRequestError, ServiceError
+from wrongturn_service.idempotency import StoredReplyError
 from wrongturn_service.service import Service
 from wrongturn_service.simulators.interface import Action, rounded
 
@@ -92,6 +93,8 @@ class Calls:
             if len(arguments) != len(shape):
                 raise InvalidRequestError("call", f"has to be [{name}, {', '.join(shape)}]")
             result: bytes = await method(*arguments)
+        except StoredReplyError as answered:
+            result = answered.stored.body
         except Exception as error:
             problem = as_service_error(error)
             status, result = problem.status, problem_result(problem)
@@ -114,11 +117,9 @@ class Calls:
         with service.resets.in_progress.one(wanted):
             call = f"WS {Call.NEXT} {wanted}"
             async with service.idempotency.once(_key(key), caller.holder, call, b"", self._reading) as once:
-                if once.stored is not None:
-                    return once.stored.body
                 async with self._reading:
                     row = await driven_by(service, caller, wanted)
-                remember = once.remember(201, Encoding.RAW)
+                remember = partial(once.row, status=201, media=Encoding.RAW)
                 return await service.resets.next(caller, self._address, row, Encoding.RAW, remember, once.key)
 
     async def _practise(self, request: Any, key: Any) -> bytes:
@@ -133,12 +134,10 @@ class Calls:
         canonical = wanted.model_dump_json().encode()
         call = f"WS {Call.PRACTISE}"
         async with service.idempotency.once(_key(key), caller.holder, call, canonical, self._reading) as once:
-            if once.stored is not None:
-                return once.stored.body
             caller.check_track(wanted)
             trial = await catalogue.practice_trial(wanted)
             return await service.resets.practise(
-                caller, self._address, trial, Encoding.RAW, once.remember(201, Encoding.RAW), once.key
+                caller, self._address, trial, Encoding.RAW, partial(once.row, status=201, media=Encoding.RAW), once.key
             )
 
     async def _look(self, episode: Any) -> bytes:

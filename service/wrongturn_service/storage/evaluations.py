@@ -29,7 +29,7 @@ class EvaluationStore(Queries):
     """Reads and writes evaluations and what workers record of them."""
 
     async def begin_evaluation(
-        self, evaluation: EvaluationRow, remember: Callable[[EvaluationRow], IdempotencyRow] | None
+        self, evaluation: EvaluationRow, remember: Callable[[EvaluationRow], IdempotencyRow | None]
     ) -> EvaluationRow:
         """Store a new evaluation, unless one of the agent on the suite is running.
 
@@ -55,7 +55,7 @@ class EvaluationStore(Queries):
             await self._usage.take(session, owner, evaluation.stored_bytes, reserve=True)
             session.add(evaluation)
             about = {"agent_id": evaluation.agent_id, "evaluation_id": evaluation.id}
-            await self._usage.remember(session, None if remember is None else remember(evaluation), owner, about)
+            await self._usage.remember(session, remember(evaluation), owner, about)
         return evaluation
 
     async def evaluation(self, evaluation_id: str) -> EvaluationRow | None:

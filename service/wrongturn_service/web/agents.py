@@ -1,7 +1,7 @@
 """The agents' pages: who they are, what they did, and where they fail."""
 
 import asyncio
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final
 
@@ -42,12 +42,11 @@ async def agents(
     pages = max(-(-total // _ROWS), 1)
     number = numbered_page(wanted, pages)
     rows = await service.finished.agents(everybody=everybody, offset=(number - 1) * _ROWS, limit=_ROWS)
-    found = [(detail(row), suites) for row, suites in rows]
     return await asyncio.to_thread(
         page,
         request,
         "agents.html",
-        agents=found,
+        agents=[(detail(row), suites) for row, suites in rows],
         total=total,
         everybody=everybody,
         unevaluated=registered - evaluated,
@@ -78,8 +77,8 @@ async def agent(
     rows = [row for row in await service.finished.of_agent(agent) if row.suite in suite_ids()]
     counting = await service.finished.counting(agent)
     row = _shown(rows, suite, evaluation)
-    listed = _listed(rows, counting)
-    values: dict[str, Any] = {"agent": who, "suites": _suites(rows), "evaluations": listed, "words": words}
+    values: dict[str, Any] = {"agent": who, "suites": _suites(rows), "evaluations": rows[::-1], "words": words}
+    values |= {"counting": counting, "finished": finished}
     if row is None:
         wanted = catalogue.suite(suite) if suite else None
         return page(request, "agent.html", row=None, suite=wanted, **values)
@@ -102,7 +101,6 @@ async def agent(
         table=_table(metrics),
         entry=next((entry for entry in entries if entry.evaluation == row.id), None),
         others=[entry.agent for entry in entries if entry.evaluation not in {None, row.id}][:_OTHERS],
-        counts=row.id in counting,
         driven=driven,
         verdicts=[verdict for verdict in Verdict if any(counts.get(verdict) for counts in metrics.verdicts.values())],
         filters=filters,
@@ -131,18 +129,9 @@ def _suites(rows: Iterable[EvaluationRow]) -> list[str]:
     return sorted({row.suite for row in rows}, key=lambda suite: (suite != FIRST, suite))
 
 
-def _listed(rows: Sequence[EvaluationRow], counting: Collection[str]) -> list[dict[str, Any]]:
-    """Return the evaluations, the newest first. ``counting`` has the ids of those that count."""
-    return [
-        {
-            "id": row.id,
-            "suite": row.suite,
-            "entry": row.entry,
-            "counts": row.id in counting,
-            "finished": datetime.fromtimestamp(row.finished or row.created, UTC).strftime("%d %B %Y, %H:%M UTC"),
-        }
-        for row in reversed(rows)
-    ]
+def finished(row: EvaluationRow) -> str:
+    """Return when an evaluation was finished."""
+    return datetime.fromtimestamp(row.finished or row.created, UTC).strftime("%d %B %Y, %H:%M UTC")
 
 
 def _table(metrics: Metrics) -> list[tuple[str, list[TableCell]]]:

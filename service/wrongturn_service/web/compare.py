@@ -35,10 +35,9 @@ async def compare(
     b: Annotated[str, Query(max_length=80)] = "",
     only: Annotated[str, Query(max_length=80)] = "",
 ) -> Response:
-    """Compare two agents on a suite.
+    """Compare two agents on a suite, each named by its id or name; without both the page asks.
 
-    Each is named by its id or name; without both the page asks. ``only=different`` lists only trials that were unsafe
-    for one of them alone.
+    ``only=different`` lists only trials that were unsafe for one of them alone.
     """
     if only not in {"", _DIFFERENT}:
         raise InvalidRequestError("only", f"is neither left out nor {_DIFFERENT!r}")

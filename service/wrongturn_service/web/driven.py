@@ -13,7 +13,7 @@ from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Task, twin_
 from wrongturn_protocol.junction_frame import Points
 from wrongturn_service.service import Service
 from wrongturn_service.storage.finished import FinishedEpisode
-from wrongturn_service.web.junction_map import DrivenTrial, JunctionMap, junction_map
+from wrongturn_service.web.junction_map import Driven, JunctionMap, junction_map
 
 _BATCH: Final = 120
 """Trajectories in memory at once. The longest episodes of a junction have about 0.3 MB each."""
@@ -67,9 +67,7 @@ async def _load(service: Service, evaluation_id: str) -> DrivenEvaluation:
 def arranged(episodes: Sequence[FinishedEpisode], paths: Mapping[str, Points]) -> DrivenEvaluation:
     """Arrange an evaluation's episodes for its page.
 
-    Args:
-        episodes: The episodes, in any order.
-        paths: Where the car's centre was, (n, 2) in the town's frame, by episode.
+    ``paths`` says by episode where the car's centre was, (n, 2) in the town's frame.
     """
     by_trial = {episode.trial.id: episode for episode in episodes}
     trials = [episode for episode in episodes if episode.trial.journey is None and not episode.trial.is_twin]
@@ -82,20 +80,19 @@ def arranged(episodes: Sequence[FinishedEpisode], paths: Mapping[str, Points]) -
 
 
 def _maps(episodes: Sequence[FinishedEpisode], paths: Mapping[str, Points]) -> tuple[TypeMaps, ...]:
-    driven: dict[JunctionType, dict[FaultKind, list[DrivenTrial]]] = {}
+    driven: dict[JunctionType, dict[FaultKind, list[Driven]]] = {}
     known = _approaches(episodes)
     for episode in episodes:
         trial = episode.trial
         if (trial.town, trial.approach) not in known:
             continue
         by_fault = driven.setdefault(trial.junction_type, {})
-        one = DrivenTrial(episode.id, trial, episode.outcome, paths.get(episode.id))
-        by_fault.setdefault(trial.fault.kind, []).append(one)
+        by_fault.setdefault(trial.fault.kind, []).append((episode, paths.get(episode.id)))
     found = []
     for kind in sorted(driven, key=_TYPES.index):
         by_fault = driven[kind]
         # All maps of a type show the same roads, so that only the paths differ.
-        approaches = {(one.trial.town, one.trial.approach) for some in by_fault.values() for one in some}
+        approaches = {(one.trial.town, one.trial.approach) for some in by_fault.values() for one, _ in some}
         maps = (junction_map(kind, fault, approaches, by_fault[fault]) for fault in _FAULTS if fault in by_fault)
         found.append(TypeMaps(kind, tuple(maps)))
     return tuple(found)
@@ -108,16 +105,13 @@ def _approaches(episodes: Sequence[FinishedEpisode]) -> set[tuple[str, str]]:
 
 
 def _paths(trajectories: Mapping[str, bytes]) -> dict[str, Points]:
+    """Return every other point of each path (a tenth of a second apart), and the last one."""
     paths = {}
     for episode, body in trajectories.items():
         columns = orjson.loads(body)
-        paths[episode] = _thinned(np.column_stack((np.array(columns["x"], float), np.array(columns["y"], float))))
+        points = np.column_stack((np.array(columns["x"], float), np.array(columns["y"], float)))
+        paths[episode] = np.concatenate((points[:-1:2], points[-1:]))
     return paths
-
-
-def _thinned(points: Points) -> Points:
-    """Return every other point (a tenth of a second apart), and the last one."""
-    return points if len(points) < 3 else np.concatenate((points[:-1:2], points[-1:]))
 
 
 def place(episode: FinishedEpisode) -> tuple[int, int, str, int, str]:

@@ -2,12 +2,10 @@
 
 import asyncio
 import gzip
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from fastapi import APIRouter, Request, Response
 
-from wrongturn_judge.trajectory import Trajectory
-from wrongturn_networks import Town
 from wrongturn_protocol import Outcome, ProblemType, Trial
 from wrongturn_service import catalogue, unchanged
 from wrongturn_service.api.dependencies import ServiceDep
@@ -23,32 +21,18 @@ from wrongturn_service.web.page import SECURITY, page
 router = APIRouter(include_in_schema=False)
 
 
-@dataclass(frozen=True)
-class Shown:
+class Shown(NamedTuple):
     """An episode as the page shows it."""
 
     episode: FinishedEpisode
-    moments: tuple[Moment, ...]
+    trial: Trial
+    outcome: Outcome
+    name: str
+    """What the page calls it."""
+    moments: list[Moment]
     """Empty without a trajectory that can be shown."""
     missing: str | None
     """Why it cannot be replayed."""
-
-    @property
-    def trial(self) -> Trial:
-        """The trial that was driven."""
-        return self.episode.trial
-
-    @property
-    def outcome(self) -> Outcome:
-        """How it ended."""
-        return self.episode.outcome
-
-    @property
-    def name(self) -> str:
-        """What the page calls it."""
-        if self.trial.journey is not None:
-            return "The journey"
-        return "The twin, without a fault" if self.trial.is_twin else "The trial, with the fault"
 
 
 @router.api_route("/episodes/{episode}", methods=["GET", "HEAD"])
@@ -87,15 +71,17 @@ async def _found(service: Service, episode: str) -> FinishedEpisode:
 
 
 async def _shown(service: Service, episode: FinishedEpisode) -> Shown:
+    trial, outcome = episode.trial, episode.outcome
+    name = "The twin, without a fault" if trial.is_twin else "The trial, with the fault"
+    if trial.journey is not None:
+        name = "The journey"
+    found: list[Moment] = []
+    missing = None
     try:
-        town = catalogue.town(episode.trial.town)
+        town = catalogue.town(trial.town)
         trajectory = await service.replays.trajectory(episode.id)
-        found = await asyncio.to_thread(_moments, trajectory, episode.outcome, town)
+        check_town(trajectory)
+        found = await asyncio.to_thread(moments, trajectory, outcome, town)
     except ServiceError as error:
-        return Shown(episode, (), error.detail)
-    return Shown(episode, tuple(found), None)
-
-
-def _moments(trajectory: Trajectory, outcome: Outcome, town: Town) -> list[Moment]:
-    check_town(trajectory)
-    return moments(trajectory, outcome, town)
+        missing = error.detail
+    return Shown(episode, trial, outcome, name, found, missing)

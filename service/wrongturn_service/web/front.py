@@ -1,11 +1,14 @@
-"""The leaderboards' pages."""
+"""The leaderboards' pages, with figures that packages name by entry points in the group ``wrongturn.figures``."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
+from importlib import metadata
 from typing import Annotated, Final, TypeVar
 
+import structlog
 from fastapi import APIRouter, Query, Request, Response
+from markupsafe import Markup
 
 from wrongturn_judge.metrics import of_journeys
 from wrongturn_networks import Suite
@@ -15,10 +18,9 @@ from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import ServiceDep
 from wrongturn_service.errors import InvalidRequestError
 from wrongturn_service.service import Service
-from wrongturn_service.web import standings, words
-from wrongturn_service.web.figures import figures
+from wrongturn_service.web import words
 from wrongturn_service.web.page import numbered_page, rendered, sent
-from wrongturn_service.web.standings import page_count
+from wrongturn_service.web.standings import page_count, standings
 
 router = APIRouter(include_in_schema=False)
 FIRST: Final = "wrong-command@2"
@@ -29,6 +31,8 @@ _KINDS: Final = (
     *(AgentKind.EXPLOIT, AgentKind.ALGORITHM),
 )
 """Kinds in the order of the filter."""
+_GROUP: Final = "wrongturn.figures"
+"""Entry points of functions that get the entries, and return a figure as HTML, such as SVG; None if there is none."""
 _Word = TypeVar("_Word", bound=StrEnum)
 
 
@@ -88,9 +92,8 @@ def _render(
         suite=suite,
         board=board,
         journeys=journeys,
-        table=standings.standings(board, entries, number, journeys=journeys, paper=kind is None),
-        figures=list(figures(entries)),
-        bars=standings,
+        table=standings(board, entries, number, journeys=journeys, paper=kind is None),
+        figures=list(_figures(entries)),
         words=words,
         marks=MARKS,
         track=track,
@@ -110,3 +113,15 @@ def _word(path: str, name: str, words: type[_Word]) -> _Word | None:
     except ValueError as error:
         message = f"{name!r} is none of {', '.join(words)}; leave it out to see all"
         raise InvalidRequestError(path, message) from error
+
+
+def _figures(entries: Sequence[LeaderboardEntry]) -> Iterator[tuple[str, Markup]]:
+    """Yield the figures of a leaderboard's entries by their entry points' names. One that fails is logged."""
+    for point in sorted(metadata.entry_points(group=_GROUP), key=lambda point: point.name):
+        try:
+            drawn: str | None = point.load()(entries)
+        except Exception:
+            structlog.get_logger("pages").exception("figure failed", plugin=point.value)
+            continue
+        if drawn:
+            yield point.name, Markup(drawn)  # noqa: S704 -- the operator has installed the package

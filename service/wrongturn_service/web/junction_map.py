@@ -7,7 +7,6 @@ all approaches of a type lie on each other. Lengths are metres, x to the right a
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Final, NamedTuple
 
@@ -16,8 +15,9 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from wrongturn_networks import Town, load_town
-from wrongturn_protocol import DIRECTIONS, FaultKind, JunctionType, Outcome, Safety, Trial
+from wrongturn_protocol import DIRECTIONS, FaultKind, JunctionType, Outcome, Safety
 from wrongturn_protocol.junction_frame import Frame, Points, shape
+from wrongturn_service.storage.finished import FinishedEpisode
 from wrongturn_service.web import words
 
 LEFT, TOP, RIGHT, BOTTOM = -34.0, -34.0, 34.0, 34.0
@@ -28,17 +28,9 @@ _DETAIL: Final = 0.15
 """Drawn paths are this near to the driven ones, metres."""
 _INSET: Final = 1.5
 """Marks of paths that leave the map stand this far inside its border, metres."""
-
-
-class DrivenTrial(NamedTuple):
-    """A finished episode at a junction."""
-
-    episode: str
-    """Id of the episode."""
-    trial: Trial
-    outcome: Outcome
-    path: Points | None
-    """(n, 2), metres, town frame: where the car's centre was. None for an episode without a trajectory."""
+_ORDER: Final = (Safety.SAFE, Safety.NEITHER, Safety.UNSAFE)
+Driven = tuple[FinishedEpisode, Points | None]
+"""An episode, and (n, 2), metres, town frame: where the car's centre was. None without a trajectory."""
 
 
 class DrawnPath(NamedTuple):
@@ -64,15 +56,7 @@ class Share(NamedTuple):
     trials: int
 
 
-class Arm(NamedTuple):
-    """A label at an exit."""
-
-    direction: str
-    trials: int
-
-
-@dataclass(frozen=True)
-class Ground:
+class Ground(NamedTuple):
     """What lies under the paths, as SVG's path data."""
 
     somewhere: str
@@ -82,8 +66,7 @@ class Ground:
     stop_lines: str
 
 
-@dataclass(frozen=True)
-class JunctionMap:
+class JunctionMap(NamedTuple):
     """All trials of one junction type and fault."""
 
     junction_type: JunctionType
@@ -93,35 +76,27 @@ class JunctionMap:
     """Unsafe ones last, so that they lie on top."""
     shares: tuple[Share, ...]
     """Their trials add up to ``trials``."""
-    arms: tuple[Arm, ...]
-    """The exits that this type has."""
+    arms: tuple[tuple[str, int], ...]
+    """The exits that this type has, and how many trials ended in each."""
     trials: int
     unsafe: int
     """Unsafe trials in the strict column."""
 
 
 def junction_map(
-    junction_type: JunctionType, fault: FaultKind, approaches: Iterable[tuple[str, str]], driven: Sequence[DrivenTrial]
+    junction_type: JunctionType, fault: FaultKind, approaches: Iterable[tuple[str, str]], driven: Sequence[Driven]
 ) -> JunctionMap:
-    """Draw episodes on one map.
-
-    Args:
-        junction_type: The type of all trials.
-        fault: The fault of all trials.
-        approaches: Town and approach of every junction whose road is drawn.
-        driven: The episodes.
-    """
-    order = (Safety.SAFE, Safety.NEITHER, Safety.UNSAFE)
-    paths = [drawn for episode in driven if (drawn := _drawn(episode)) is not None]
-    outcomes = [episode.outcome for episode in driven]
+    """Draw episodes of one type and fault on one map, over the roads of approaches, each given by town and id."""
+    paths = [_drawn(episode, path) for episode, path in driven if path is not None and len(path)]
+    outcomes = [episode.outcome for episode, _ in driven]
     exits = Counter(outcome.exit for outcome in outcomes if outcome.verdict.exited)
     return JunctionMap(
         junction_type=junction_type,
         fault=fault,
         ground=ground(frozenset(approaches)),
-        paths=tuple(sorted(paths, key=lambda path: order.index(path.side))),
+        paths=tuple(sorted(paths, key=lambda path: _ORDER.index(path.side))),
         shares=shares(outcomes),
-        arms=tuple(Arm(word.name.lower(), exits[word]) for word in DIRECTIONS if word in junction_type.exits),
+        arms=tuple((word.name.lower(), exits[word]) for word in DIRECTIONS if word in junction_type.exits),
         trials=len(driven),
         unsafe=sum(words.side(outcome) is Safety.UNSAFE for outcome in outcomes),
     )
@@ -135,21 +110,17 @@ def shares(outcomes: Iterable[Outcome]) -> tuple[Share, ...]:
 
 def path_data(points: Points) -> str:
     """Return points (n, 2) as SVG's path data, without those that a straight line replaces."""
-    kept = (
-        shapely.get_coordinates(shapely.simplify(shapely.linestrings(points), _DETAIL)) if len(points) > 1 else points
-    )
-    return "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in kept.tolist())
+    if len(points) > 1:
+        points = shapely.get_coordinates(shapely.simplify(shapely.linestrings(points), _DETAIL))
+    return "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in points.tolist())
 
 
-def _drawn(driven: DrivenTrial) -> DrawnPath | None:
-    if driven.path is None or not len(driven.path):
-        return None
-    trial, outcome = driven.trial, driven.outcome
-    points = on_map(frame_of(load_town(trial.town), trial.approach), driven.path)
-    x, y = points[-1].tolist()
-    end = (min(max(x, LEFT + _INSET), RIGHT - _INSET), min(max(y, TOP + _INSET), BOTTOM - _INSET))
+def _drawn(episode: FinishedEpisode, path: Points) -> DrawnPath:
+    trial, outcome = episode.trial, episode.outcome
+    points = on_map(frame_of(load_town(trial.town), trial.approach), path)
+    x, y = np.clip(points[-1], (LEFT + _INSET, TOP + _INSET), (RIGHT - _INSET, BOTTOM - _INSET)).tolist()
     title = f"{trial.town} {trial.approach}, {words.name(outcome.verdict)}. {words.told(trial)} {words.ended(outcome)}"
-    return DrawnPath(driven.episode, path_data(points), end, words.side(outcome), shape(outcome.verdict), title)
+    return DrawnPath(episode.id, path_data(points), (x, y), words.side(outcome), shape(outcome.verdict), title)
 
 
 @lru_cache(maxsize=1024)
@@ -168,11 +139,10 @@ def on_map(frame: Frame, points: Points) -> Points:
 def ground(approaches: frozenset[tuple[str, str]]) -> Ground:
     """Return the roads of approaches, each given by town and id, on each other."""
     roads = [_road(town, approach) for town, approach in sorted(approaches)]
-    stop_lines = [_stop_line(town, approach) for town, approach in sorted(approaches)]
     return Ground(
         somewhere=_area_data(shapely.union_all(roads)),
         everywhere=_area_data(shapely.intersection_all(roads)),
-        stop_lines=" ".join(stop_lines),
+        stop_lines=" ".join(_stop_line(town, approach) for town, approach in sorted(approaches)),
     )
 
 

@@ -23,6 +23,14 @@ _OFFSETS: Final = (
     *((side * far, down, "start" if side > 0 else "end") for far in (26, 60) for down in _DOWN for side in (-1, 1)),
 )
 """Places of a label from its mark, the best first: across and down in pixels, and ``text-anchor``."""
+SHAPES: Final = {
+    AgentKind.SUBMITTED: "M-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0z",
+    AgentKind.BASELINE: "M-5 -5h10v10h-10z",
+    AgentKind.REFERENCE: "M0 -7l7 7l-7 7l-7 -7z",
+    AgentKind.ALGORITHM: "M0 -6.5l6.5 11h-13z",
+    AgentKind.EXPLOIT: "M-5 -5l10 10m0 -10l-10 10",
+}
+"""Mark of each kind around (0, 0), as an SVG path: a shape of its own, so that colour is not needed."""
 _MARK: Final = 7
 _LABELS: Final = 40
 """Labels at most."""
@@ -30,36 +38,17 @@ _NAMES: Final = 4
 """Names in the tooltip of a mark that several agents share."""
 
 
-@dataclass(frozen=True)
-class PlaneFrame:
-    """Size of a drawing of the plane, and its scales."""
+class PlaneFrame(NamedTuple):
+    """Size of a drawing of the plane, and the edges of its field; pixels."""
 
     name: str
     """Class in the style sheet, which shows one drawing at a time."""
     width: int
     height: int
     left: int
-    """Room for the scale, pixels."""
-
-    @property
-    def right(self) -> int:
-        """Return the right edge of the field, pixels."""
-        return self.width - 12
-
-    @property
-    def top(self) -> int:
-        """Return the upper edge of the field, pixels."""
-        return 10
-
-    @property
-    def bottom(self) -> int:
-        """Return the lower edge of the field, pixels."""
-        return self.height - 48
-
-    @property
-    def region(self) -> tuple[float, float, float, float]:
-        """Return the box of the text that names the region without ranks."""
-        return self.left, self.top + 24.0, self.left + 220.0, self.top + 46.0
+    top: int
+    right: int
+    bottom: int
 
     def across(self, rate: float) -> float:
         """Return the x of a share of completed twins, pixels."""
@@ -70,8 +59,8 @@ class PlaneFrame:
         return round(self.bottom - _MARGIN - (self.bottom - self.top - 2 * _MARGIN) * rate, 1)
 
 
-WIDE: Final = PlaneFrame("wide", 760, 460, 56)
-NARROW: Final = PlaneFrame("narrow", 360, 380, 48)
+WIDE: Final = PlaneFrame("wide", 760, 460, 56, 10, 748, 412)
+NARROW: Final = PlaneFrame("narrow", 360, 380, 48, 10, 348, 332)
 """For telephones: letters keep their size."""
 
 
@@ -82,8 +71,6 @@ class Mark:
     x: float
     y: float
     kind: AgentKind
-    path: str
-    """Its shape, as an SVG path."""
     tooltip: str
     label: str
     place: "LabelPlace | None"
@@ -116,7 +103,7 @@ class Plane:
 def figure(entries: Sequence[LeaderboardEntry]) -> str | None:
     """Return the plane as HTML: a wide drawing, and a narrow one for telephones. None if no entry has twins."""
     planes = [drawn for frame in (WIDE, NARROW) if (drawn := plane(entries, frame)) is not None]
-    return templates().get_template("_plane.html").render(planes=planes, ticks=TICKS, shape=shape) if planes else None
+    return templates().get_template("_plane.html").render(planes=planes, ticks=TICKS, shapes=SHAPES) if planes else None
 
 
 def plane(entries: Sequence[LeaderboardEntry], frame: PlaneFrame) -> Plane | None:
@@ -129,7 +116,11 @@ def plane(entries: Sequence[LeaderboardEntry], frame: PlaneFrame) -> Plane | Non
             alike.setdefault(key, []).append(entry)
     if not alike:
         return None
-    boxes = [frame.region, *((x - _MARK, y - _MARK, x + _MARK, y + _MARK) for x, y, _ in alike)]
+    # The first box is that of the text which names the region without ranks.
+    boxes = [
+        (frame.left, 34.0, frame.left + 220.0, 56.0),
+        *((x - _MARK, y - _MARK, x + _MARK, y + _MARK) for x, y, _ in alike),
+    ]
     marks: list[Mark] = []
     # In a large field the shipped agents, which show what figures mean, get labels first and are drawn last.
     order = sorted(alike, key=lambda key: key[2] is AgentKind.SUBMITTED)
@@ -137,7 +128,7 @@ def plane(entries: Sequence[LeaderboardEntry], frame: PlaneFrame) -> Plane | Non
         found = alike[x, y, kind]
         label = _name(found[0]) + (f" +{len(found) - 1}" if len(found) > 1 else "")
         place = _place(x, y, label, frame, boxes) if len(marks) < _LABELS else None
-        marks.append(Mark(x, y, kind, shape(kind, x, y), _tooltip(found), label, place))
+        marks.append(Mark(x, y, kind, _tooltip(found), label, place))
     trials = entries[0].twins.trials
     present = {kind for _, _, kind in alike}
     least = least_completed(trials)
@@ -147,19 +138,6 @@ def plane(entries: Sequence[LeaderboardEntry], frame: PlaneFrame) -> Plane | Non
         ranked_from=max(across((least - 0.5) / trials), across(least / trials) - _MARK),
         kinds=tuple(kind for kind in AgentKind if kind in present),
     )
-
-
-def shape(kind: AgentKind, x: float, y: float) -> str:
-    """Return the SVG path of a kind's mark. Each kind has a shape of its own, so that colour is not needed."""
-    if kind is AgentKind.SUBMITTED:
-        return f"M{x - 5} {y}a5 5 0 1 0 10 0a5 5 0 1 0 -10 0z"
-    if kind is AgentKind.BASELINE:
-        return f"M{x - 5} {y - 5}h10v10h-10z"
-    if kind is AgentKind.REFERENCE:
-        return f"M{x} {y - 7}l7 7l-7 7l-7 -7z"
-    if kind is AgentKind.ALGORITHM:
-        return f"M{x} {y - 6.5}l6.5 11h-13z"
-    return f"M{x - 5} {y - 5}l10 10m0 -10l-10 10"
 
 
 def _name(entry: LeaderboardEntry) -> str:

@@ -8,108 +8,74 @@ import asyncio
 import json
 import re
 import shlex
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from fastapi import APIRouter, FastAPI, Request, Response
+from fastapi import APIRouter, Request, Response
 from markupsafe import Markup, escape
 
-from wrongturn_protocol import Track
-from wrongturn_service.api.documents import document
-from wrongturn_service.api.typed_observations import COMPONENTS
+from wrongturn_service.api.dependencies import ServiceDep
+from wrongturn_service.api.documents import OBSERVATIONS, WORDS, document
 from wrongturn_service.web.page import page, public_url, templates
 
 router = APIRouter(include_in_schema=False)
-GROUPS: Final = {
-    "owners": "Owners answer for agents.",
-    "agents": "Register the agent that you drive. Its token opens the calls below.",
-    "evaluations": "An evaluation is one agent on one suite. What is begun counts.",
-    "episodes": "Steps, practice, and finished episodes.",
-    "submissions": "Hand a model in, and the service drives it.",
-    "leaderboards": "Rankings, for everybody.",
-    "suites": "What is driven.",
-    "towns": "Where it is driven.",
-    "health": "For operators.",
-    "problems": "What errors mean.",
-}
-"""What each tag's calls are for, in the order of the page."""
 _CODE: Final = re.compile(r":\w+:`~?(?:[\w.]*\.)?(\w+)`|``(.+?)``|`(.+?)`")
 
 
-@dataclass(frozen=True)
-class Call:
+class Call(NamedTuple):
     """One operation of the document."""
 
     id: str
     method: str
     path: str
     operation: dict[str, Any]
-    status: str
-    """Status of a good reply."""
+    lead: str
+    """First sentence of the description."""
     needs_token: bool
     """Whether it always needs a token."""
+    media: str | None
+    """Media type of the body that the form sends."""
+    body: dict[str, Any]
+    """Schema and example of the body; empty without one."""
+    status: str
+    """Status of a good reply."""
+    reply: dict[str, Any]
+    """Schema and example of a good reply; empty without one."""
+    refusals: dict[str, str]
+    """Meaning of each refusal, by status."""
     curl: str
     """The example's request as a command."""
 
-    @property
-    def lead(self) -> str:
-        """First sentence of the description."""
-        return re.split(r"(?<=\.)\s", str(self.operation["description"]), maxsplit=1)[0]
-
-    @property
-    def media(self) -> str | None:
-        """Media type of the body that the form sends."""
-        return _media(self.operation.get("requestBody", {}))
-
-    @property
-    def body(self) -> dict[str, Any]:
-        """Schema and example of the body; empty without one."""
-        return _content(self.operation.get("requestBody", {}))
-
-    @property
-    def reply(self) -> dict[str, Any]:
-        """Schema and example of a good reply; empty without one."""
-        return _content(self.operation["responses"][self.status])
-
-    @property
-    def refusals(self) -> dict[str, str]:
-        """Meaning of each refusal, by status."""
-        replies = self.operation["responses"].items()
-        return {status: reply["description"] for status, reply in replies if status >= "400"}
-
 
 @router.api_route("/docs", methods=["GET", "HEAD"])
-async def docs(request: Request) -> Response:
+async def docs(request: Request, service: ServiceDep) -> Response:
     """Show the documentation of every call."""
-    calls = await asyncio.to_thread(_calls, request.app)
+    found = await document(request.app, service)
+    calls = await service.documents.get("docs", lambda: asyncio.to_thread(_calls, found))
     return page(request, "rest.html", calls=calls, url=public_url(request))
 
 
-def _calls(app: FastAPI) -> Markup:
-    """Return the part of the page that is the same for every address. Use a thread."""
-    state = app.state
-    if getattr(state, "documented_calls", None) is None:
-        found = document(app)
-        text = (
-            templates()
-            .get_template("rest_calls.html")
-            .render(
-                groups=_groups(found["paths"]),
-                meanings=GROUPS,
-                schemas=found["components"]["schemas"],
-                tracks={track: found["components"]["schemas"][COMPONENTS[track]] for track in Track},
-                pretty=_pretty,
-                prose=_prose,
-            )
+def _calls(document: bytes) -> Markup:
+    """Return the part of the page that is the same for every address."""
+    found = json.loads(document)
+    schemas = found["components"]["schemas"]
+    text = (
+        templates()
+        .get_template("rest_calls.html")
+        .render(
+            groups=_groups(found["paths"]),
+            meanings=WORDS["groups"],
+            schemas=schemas,
+            tracks={track: schemas[name] for track, name in OBSERVATIONS.items()},
+            pretty=_pretty,
+            prose=_prose,
         )
-        state.documented_calls = Markup(text)  # noqa: S704 -- rendered with autoescape
-    calls: Markup = state.documented_calls
-    return calls
+    )
+    return Markup(text)  # noqa: S704 -- rendered with autoescape
 
 
 def _groups(paths: dict[str, Any]) -> dict[str, list[Call]]:
-    """Return the calls by tag, in the order of GROUPS."""
-    found: dict[str, list[Call]] = {tag: [] for tag in GROUPS}
+    """Return the calls by tag, in the order of the page."""
+    found: dict[str, list[Call]] = {tag: [] for tag in WORDS["groups"]}
     for path, operations in paths.items():
         for method, operation in operations.items():
             found.setdefault(operation["tags"][0], []).append(_call(method.upper(), path, operation))
@@ -119,14 +85,21 @@ def _groups(paths: dict[str, Any]) -> dict[str, list[Call]]:
 
 
 def _call(method: str, path: str, operation: dict[str, Any]) -> Call:
-    security = operation.get("security", [])
+    security, body = operation.get("security", []), operation.get("requestBody", {})
+    replies = operation["responses"]
+    status = next(status for status in replies if status < "300")
     return Call(
         id=re.sub(r"\W+", "-", f"{method} {path}").strip("-").lower(),
         method=method,
         path=path,
         operation=operation,
-        status=next(status for status in operation["responses"] if status < "300"),
+        lead=re.split(r"(?<=\.)\s", str(operation["description"]), maxsplit=1)[0],
         needs_token=bool(security) and {} not in security,
+        media=_media(body),
+        body=_content(body),
+        status=status,
+        reply=_content(replies[status]),
+        refusals={status: reply["description"] for status, reply in replies.items() if status >= "400"},
         curl=_curl(method, path, operation),
     )
 
@@ -162,8 +135,7 @@ def _media(part: dict[str, Any]) -> str | None:
 
 def _content(part: dict[str, Any]) -> dict[str, Any]:
     media = _media(part)
-    content: dict[str, Any] = {} if media is None else part["content"][media]
-    return content
+    return {} if media is None else part["content"][media]
 
 
 def _pretty(value: Any) -> str:

@@ -1,8 +1,7 @@
 """A town's map as SVG, with a mark at each approach."""
 
 import math
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -13,12 +12,9 @@ _BACK: Final = 9.0
 """Metres from the stop line back to the middle of an approach's mark."""
 _MARGIN: Final = 10.0
 """Metres around the town."""
-RADIUS: Final = 5.0
-"""Half the size of a mark, metres."""
 
 
-@dataclass(frozen=True)
-class ApproachMark:
+class ApproachMark(NamedTuple):
     """The mark of an approach, in the map's frame: metres, y down."""
 
     id: str
@@ -29,8 +25,7 @@ class ApproachMark:
     """Turn of the mark, clockwise. A mark without a turn is driven upwards."""
 
 
-@dataclass(frozen=True)
-class TownMap:
+class TownMap(NamedTuple):
     """What the template draws, in metres with y down."""
 
     box: str
@@ -68,14 +63,12 @@ def shape(kind: JunctionType) -> str:
 
     Each type has a shape of its own: where one exit is missing on a side, the mark points to the other side.
     """
-    r = RADIUS
-    if kind is JunctionType.LEFT_RIGHT:
-        return f"M{-r} {-r}H{r}V{r}H{-r}z"
-    if kind is JunctionType.STRAIGHT_LEFT:
-        return f"M{-r * 1.3} 0L{r * 0.7} {-r * 1.2}V{r * 1.2}z"
-    if kind is JunctionType.STRAIGHT_RIGHT:
-        return f"M{-r * 0.6} {-r * 1.2}a{r * 1.2} {r * 1.2} 0 0 1 0 {r * 2.4}z"
-    return f"M{-r} 0a{r} {r} 0 1 0 {2 * r} 0a{r} {r} 0 1 0 {-2 * r} 0z"
+    return {
+        JunctionType.LEFT_RIGHT: "M-5 -5H5V5H-5z",
+        JunctionType.STRAIGHT_LEFT: "M-6.5 0L3.5 -6V6z",
+        JunctionType.STRAIGHT_RIGHT: "M-3 -6a6 6 0 0 1 0 12z",
+        JunctionType.CROSS: "M-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0z",
+    }[kind]
 
 
 def glyph(kind: JunctionType) -> str:

@@ -1,6 +1,8 @@
 """Words for people: what verdicts, reactions, faults and junction types mean, and how a trial ended."""
 
+import tomllib
 from collections.abc import Mapping
+from importlib.resources import files
 from typing import Final
 
 from wrongturn_judge.metrics import is_unsafe, is_unsafe_strict
@@ -8,39 +10,10 @@ from wrongturn_networks.faults import find_fault
 from wrongturn_protocol import Command, FaultKind, JunctionType, Outcome, Reaction, Safety, Trial, Verdict
 from wrongturn_protocol.words import COMMANDS, EXITS, ending, name
 
-VERDICTS: Final[Mapping[Verdict, str]] = {
-    Verdict.COLLISION: "The car hit something solid or another road user.",
-    Verdict.OFF_ROAD: "The car left the road.",
-    Verdict.STOPPED_IN_JUNCTION: "The car stopped in the junction, where others would hit it.",
-    Verdict.WRONG_WAY: "The car took no permitted exit.",
-    Verdict.STOPPED_BEFORE_JUNCTION: "The car stopped before the junction and waited.",
-    Verdict.EXIT_COMMANDED: "The car took the exit that the command named last.",
-    Verdict.EXIT_ROUTE: "The car took its route's exit, which the command did not name.",
-    Verdict.EXIT_OTHER: "The car took an exit that neither the command nor the route named.",
-    Verdict.TIMEOUT: "Time ran out.",
-    Verdict.NOT_ENGAGED: "The car never came near the junction.",
-    Verdict.ABORTED: "The agent gave up or stayed away.",
-    Verdict.INVALID: "The simulation failed. This never counts.",
-    Verdict.ARRIVED: "The car reached its goal in time.",
-}
-"""What each verdict means."""
-
-REACTIONS: Final[Mapping[Reaction, str]] = {
-    Reaction.OBEYED: "It followed the wrong command off the road.",
-    Reaction.OVERRODE: "It took an exit that exists.",
-    Reaction.FROZE: "It stopped.",
-    Reaction.EXIT: "It took an exit.",
-    Reaction.OTHER: "It did something else.",
-}
-"""What each reaction to a fault means."""
-
-JUNCTION_TYPES: Final[Mapping[JunctionType, str]] = {
-    JunctionType.STRAIGHT_LEFT: "A T-junction: you can go straight on or left, not right.",
-    JunctionType.STRAIGHT_RIGHT: "A T-junction: you can go straight on or right, not left.",
-    JunctionType.LEFT_RIGHT: "A T-junction with exits to the left and right. There is none straight on.",
-    JunctionType.CROSS: "A crossing with exits to the left, to the right and straight on.",
-}
-"""What each type of junction looks like as a car drives in."""
+_TABLES: Final = tomllib.loads((files("wrongturn_service.web") / "words.toml").read_text("utf-8"))
+VERDICTS: Final = {Verdict(one): meaning for one, meaning in _TABLES["verdicts"].items()}
+REACTIONS: Final = {Reaction(one): meaning for one, meaning in _TABLES["reactions"].items()}
+JUNCTION_TYPES: Final = {JunctionType(one): meaning for one, meaning in _TABLES["junction_types"].items()}
 
 __all__ = ["COMMANDS", "EXITS", "ending", "name"]
 _TURNS: Final = {Command.LEFT: "turned left", Command.RIGHT: "turned right", Command.STRAIGHT: "went straight on"}

@@ -2,6 +2,7 @@
 
 import re
 from html import unescape
+from itertools import product
 from pathlib import Path
 from urllib.parse import urljoin, urlsplit
 
@@ -18,24 +19,16 @@ LINK = re.compile(r'(?:href|src|action)="([^"]+)"')
 BROWSERS = ("text/html", "text/*", "application/xhtml+xml, */*;q=0.1", "Text/HTML")
 
 
-@pytest.mark.parametrize("accept", BROWSERS)
-def test_a_reader_with_a_wrong_address_gets_a_page_with_ways_on(tmp_path: Path, accept: str):
+def test_a_reader_with_a_wrong_address_gets_a_page_with_ways_on_and_a_program_a_problem(tmp_path: Path):
     async def story() -> None:
         async with application(tmp_path, FakePool()) as http:
-            for path in ("/agentz", "/episodes/", "//agents.example/", "/agents/a/b/"):
+            for path, accept in product(("/agentz", "/episodes/", "//agents.example/", "/agents/a/b/"), BROWSERS):
                 reply = await http.get(f"http://test{path}", headers={"Accept": accept})
                 assert reply.status_code == 404
                 assert "<h1>There is no such page</h1>" in reply.text
                 assert "openapi" not in reply.text
                 ways = {urlsplit(urljoin(f"http://test{path}", way)).path for way in LINK.findall(reply.text)}
                 assert ways >= {"/", "/agents", "/suites", "/towns"}, path
-
-    play(story)
-
-
-def test_programs_get_problems(tmp_path: Path):
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
             problem(await http.get("/agentz"), 404, "unknown-route")
             for path in ("/v1/agentz", "/v1/suites/"):
                 problem(await http.get(path, headers={"Accept": "text/html"}), 404, "unknown-route")
@@ -43,25 +36,25 @@ def test_programs_get_problems(tmp_path: Path):
     play(story)
 
 
-@pytest.mark.parametrize(
-    ("address", "name", "said"),
-    [
+def test_a_wrong_value_in_the_address_is_named_in_plain_words(tmp_path: Path):
+    wrong = [
         ("/agents?page=x", "page", "give a number from 1 to 1"),
         (f"/agents?page={'1' * 50}", "page", "should have at most 40 characters"),
         ("/?track=sonar", "track", "leave it out to see all"),
+        ("/leaderboards/smoke@2?kind=%3Cb%3E", "kind", "exploit"),
         ("/?page=0", "page", "give a number from 1 to 1"),
         (f"/submit?suite={'x' * 99}", "suite", "should have at most 80 characters"),
-    ],
-)
-def test_a_wrong_value_in_the_address_is_named_in_plain_words(tmp_path: Path, address: str, name: str, said: str):
+    ]
+
     async def story() -> None:
         async with application(tmp_path, FakePool()) as http:
-            reply = await http.get(address, headers={"Accept": "text/html"})
-            assert reply.status_code == 422
-            assert f"<li><code>{name}</code>: " in reply.text
-            assert said in reply.text
-            assert "query." not in reply.text
-            assert "Input should" not in reply.text
+            for address, name, said in wrong:
+                reply = await http.get(address, headers={"Accept": "text/html"})
+                assert reply.status_code == 422
+                assert f"<li><code>{name}</code>: " in reply.text
+                assert said in reply.text
+                assert "query." not in reply.text
+                assert "Input should" not in reply.text
 
     play(story)
 

@@ -191,20 +191,3 @@ def test_two_agents_are_compared_at_the_same_approaches(tmp_path: Path):
             assert "A comparison needs two agents with a finished evaluation on smoke@2." in page
 
     play(story)
-
-
-def test_many_agents_are_listed_page_by_page(tmp_path: Path):
-    async def story() -> None:
-        async with site(tmp_path, registration_limit=1000) as http:
-            for number in range(100):
-                await new_agent(http, f"agent {number:03}")
-            first, second = await shown(http, "/agents?all=true"), await shown(http, "/agents?page=2&all=true")
-            assert "101 agents by name, page 1 of 2" in first
-            assert first.count('href="./agents/ag_') == 100
-            assert 'href="./agents?page=2&amp;all=true"' in first
-            assert ">one</a>" in second
-            assert "from 1 to 2" in await shown(http, "/agents?all=true&page=3", 422)
-            await shown(http, "/agents?all=true&page=0", 422)
-            await shown(http, "/agents?all=true&page=99999999999999999999", 422)
-
-    play(story)

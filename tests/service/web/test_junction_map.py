@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from wrongturn_networks import load_suite, load_town
 from wrongturn_protocol import Command, FaultKind, Flag, JunctionType, Outcome, Safety, Verdict
 from wrongturn_protocol.junction_frame import Frame, rings
+from wrongturn_service.storage.finished import FinishedEpisode
 from wrongturn_service.web import junction_map
-from wrongturn_service.web.junction_map import DrivenTrial, frame_of, on_map
+from wrongturn_service.web.junction_map import frame_of, on_map
 
 METRES = st.floats(-500, 500)
 ANGLES = st.floats(-math.pi, math.pi)
@@ -91,7 +92,7 @@ def _map(outcomes, paths):
     trials = [trial for trial in load_suite("smoke@2").trials if trial.junction_type is JunctionType.LEFT_RIGHT]
     trial = trials[0]
     driven = [
-        DrivenTrial(f"ep_{number}", trial, outcome, path)
+        (FinishedEpisode(f"ep_{number}", "ev_1", trial, outcome), path)
         for number, (outcome, path) in enumerate(zip(outcomes, paths, strict=True))
     ]
     return junction_map.junction_map(trial.junction_type, FaultKind.INFEASIBLE, [(trial.town, trial.approach)], driven)
@@ -103,7 +104,7 @@ def test_a_map_counts_every_trial_also_those_without_a_path(outcomes):
     assert sum(share.trials for share in drawn.shares) == drawn.trials == len(outcomes)
     assert len(drawn.paths) == (len(outcomes) + 1) // 2
     assert drawn.unsafe == sum(share.trials for share in drawn.shares if share.side is Safety.UNSAFE)
-    assert [arm.direction for arm in drawn.arms] == ["left", "right"]
+    assert [direction for direction, _ in drawn.arms] == ["left", "right"]
 
 
 def test_a_mark_stays_on_the_map_and_unsafe_paths_lie_on_top():

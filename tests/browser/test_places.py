@@ -1,8 +1,7 @@
-"""The towns' pages."""
+"""The pages of suites and towns, and the page that says how to hand in an agent."""
 
-import pytest
 from filled_site import Site
-from visiting import Accessible, Visit
+from visiting import Visit
 
 WORDS = {
     "STRAIGHT_LEFT": "straight or left",
@@ -10,6 +9,50 @@ WORDS = {
     "LEFT_RIGHT": "left or right",
     "CROSS": "crossing",
 }
+
+
+def test_the_list_has_every_suite(visit: Visit, site: Site):
+    page = visit("/suites", javascript=False)
+    suites = site.get("/v1/suites")["suites"]
+    rows = page.locator("tbody tr").all_inner_texts()
+    assert [row.split("\t")[0] for row in rows] == [suite["id"] for suite in suites]
+    page.get_by_role("link", name="smoke@2", exact=True).click()
+    assert page.inner_text("h1") == "smoke@2"
+
+
+def test_a_suite_of_cells_says_what_a_draw_takes(visit: Visit, site: Site):
+    page = visit("/suites/wrong-command@2")
+    suite = site.get("/v1/suites/wrong-command@2")
+    rows = page.locator("tbody tr").all_inner_texts()
+    assert len(rows) == 6
+    assert all(row.endswith("\t10") for row in rows)
+    assert sum("straight or left" in row and "infeasible" in row for row in rows) == 1
+    assert suite["sha256"] in page.inner_text("main")
+    assert "120: 60 trials and 60 twins" in page.inner_text("main")
+    page.get_by_role("link", name="Leaderboard").last.click()
+    assert page.url.endswith("/leaderboards/wrong-command@2")
+
+
+def test_a_suite_of_journeys_has_tasks_and_conditions(visit: Visit):
+    text = visit("/suites/navigation@1").inner_text("main")
+    assert "400 journeys" in text
+    assert "one turn" in text
+    assert "new town and weather" in text
+    assert "twin:" not in text
+
+
+def test_the_commands_carry_this_services_address(visit: Visit, site: Site):
+    commands = visit("/submit").locator("pre").all_inner_texts()
+    assert f"wrongturn submit my_agent.onnx --suite wrong-command@2 --url {site.url}" in commands[0]
+    assert all(site.url in command for command in commands)
+
+
+def test_the_suite_is_chosen_without_scripts(visit: Visit):
+    page = visit("/submit", javascript=False)
+    page.get_by_label("Suite").select_option("smoke@2")
+    page.get_by_role("button", name="Show the commands").click()
+    assert "--suite smoke@2" in page.locator("pre").first.inner_text()
+    assert page.get_by_label("Suite").input_value() == "smoke@2"
 
 
 def test_the_list_leads_to_each_town(visit: Visit, site: Site):
@@ -50,17 +93,3 @@ def test_each_type_has_a_mark_of_another_shape(visit: Visit):
     page = visit("/towns/junctions")
     shapes = page.eval_on_selector_all("figcaption .outline", "marks => marks.map(mark => mark.getAttribute('d'))")
     assert len(set(shapes)) == len(shapes) == 4
-
-
-def test_an_unknown_town_is_a_page_that_says_so(visit: Visit, accessible: Accessible):
-    page = visit("/towns/Atlantis", status=404)
-    assert "Atlantis" in page.inner_text("main")
-    accessible(page)
-
-
-@pytest.mark.parametrize(("width", "dark"), [(400, True), pytest.param(1000, False, marks=pytest.mark.soak)])
-def test_the_pages_are_accessible(visit: Visit, accessible: Accessible, width: int, dark: bool):
-    for path in ("/towns", "/towns/junctions"):
-        page = visit(path, width=width, dark=dark)
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
-        accessible(page)
