@@ -104,12 +104,8 @@ def sandboxed_model(
 ) -> Iterator[SandboxedModel]:
     """Load a job's model in sandboxes for the ``with`` block.
 
-    Args:
-        job: Names the model and its sandboxes.
-        step_s: Longest step, seconds.
-        tracks: Tracks that it may drive in; None for any.
-        agent_track: Track of the agent that it has to drive as; None if there is no agent yet.
-        sandboxes: How many steps it can take at a time; fewer if no more sandboxes are free.
+    A step takes at most ``step_s``. The model drives in one of ``tracks``, and as an agent of ``agent_track`` if there
+    is one. It can take as many steps at a time as it has sandboxes, fewer if no more are free.
 
     Raises:
         ModelAtFaultError: The model is refused by its sandbox, or breaks the contract.

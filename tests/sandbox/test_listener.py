@@ -76,14 +76,6 @@ def test_a_killed_guest_is_lost_and_the_others_go_on(own: ListenerProcess) -> No
             assert second.run(SPEED)["steer"].tolist() == [[0]]
 
 
-def test_a_crash_is_the_models_fault(own: ListenerProcess) -> None:
-    with open_sandbox(own.path, LIMITS) as sandbox:
-        sandbox.load(model())
-        os.kill(own.guests()[0], signal.SIGSEGV)
-        with pytest.raises(ModelRefusedError, match=r"crashes onnxruntime \(SIGSEGV\)"):
-            sandbox.run(SPEED)
-
-
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_guests_end_with_the_listener(own: ListenerProcess, number: signal.Signals) -> None:
     with open_sandbox(own.path, LIMITS) as sandbox:

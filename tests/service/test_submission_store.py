@@ -14,12 +14,7 @@ from wrongturn_service.storage.accounts import AgentNameTakenError
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import AgentRow, EvaluationRow, SubmissionRow
 from wrongturn_service.storage.store import Store
-from wrongturn_service.storage.submissions import (
-    SubmissionOverError,
-    SubmissionStore,
-    SuiteBegunError,
-    TooManySubmissionsError,
-)
+from wrongturn_service.storage.submissions import SubmissionOverError, SubmissionStore, SuiteBegunError
 
 
 @contextlib.asynccontextmanager
@@ -60,23 +55,6 @@ def play(url: str, story: Callable[[Store, SubmissionStore], Awaitable[None]]) -
             await story(store, submissions)
 
     asyncio.run(run())
-
-
-def test_they_wait_in_the_order_of_arrival(sqlite_url: str) -> None:
-    async def story(_: Store, submissions: SubmissionStore) -> None:
-        for name in ("x", "y", "z"):
-            await submissions.add(submission(name, "ow_b" if name == "y" else "ow_a"), None, most=2)
-        assert [row.id for row in await submissions.waiting(SubmissionState.QUEUED)] == ["su_x", "su_y", "su_z"]
-        assert [row.id for row in await submissions.newest(owner="ow_a")] == ["su_z", "su_x"]
-        assert [row.owner.name for row in await submissions.newest()] == ["a", "b", "a"]
-        with pytest.raises(TooManySubmissionsError):
-            await submissions.add(submission("w"), None, most=2)
-        assert await submissions.set_state("su_x", SubmissionState.CANCELLED, reason="as asked")
-        await submissions.add(submission("w"), None, most=2)
-        assert [row.id for row in await submissions.waiting()] == ["su_y", "su_z", "su_w"]
-        assert await submissions.open_count("ow_a") == 2
-
-    play(sqlite_url, story)
 
 
 def test_what_is_over_stays_as_it_is(database_url: str) -> None:

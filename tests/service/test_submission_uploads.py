@@ -10,7 +10,7 @@ from typing import Any
 
 import httpx
 import pytest
-from model_form import BOUNDARY, TYPE, form, model, part
+from model_form import TYPE, model, part
 from raw_socket import connected, http_problem, rest
 from service_harness import expect, problem
 from submission_story import OPERATOR, TakingService
@@ -186,25 +186,6 @@ def test_chunks_without_end_are_refused_at_the_limit(taking: Taking) -> None:
     assert sent < LIMIT + (1 << 24)
 
 
-@pytest.mark.parametrize(
-    "said",
-    [
-        {"Content_Length": "-1"},
-        {"Content_Length": "1e3"},
-        {"Content_Length": "+5"},
-        {"Content_Length": "7, 8"},
-        {"Transfer_Encoding": "chunked"},
-        {"Transfer_Encoding": "gzip"},
-    ],
-)
-def test_a_length_that_makes_no_sense(taking: Taking, said: dict[str, str]) -> None:
-    body = named("no sense")
-    with connected(taking) as raw:
-        raw.sendall(taking.head(len(body), **said) + body)
-        data = rest(raw)
-    assert data.startswith(b"HTTP/1.1 400"), data
-
-
 def test_a_body_that_is_shorter_than_said(taking: Taking) -> None:
     body = named("shorter")
     with connected(taking) as raw:
@@ -212,15 +193,6 @@ def test_a_body_that_is_shorter_than_said(taking: Taking) -> None:
         until(lambda: taking.connections == 1, "it is not connected")
         raw.shutdown(socket.SHUT_WR)
         rest(raw)
-
-
-def test_a_body_that_is_longer_than_said(taking: Taking) -> None:
-    """The form is cut off. What follows is the next request, which is none."""
-    body = named("longer")
-    with connected(taking) as raw:
-        raw.sendall(taking.head(len(body) - 20) + body)
-        data = rest(raw)
-    assert data.startswith(b"HTTP/1.1 400"), data
 
 
 def test_a_client_that_leaves(taking: Taking) -> None:
@@ -279,22 +251,6 @@ def test_so_many_uploads_of_an_owner_at_a_time(taking: Taking) -> None:
     until(lambda: taking.at_rest, "they are still connected")
     headers["Authorization"] = f"Bearer {token}"
     expect(httpx.post(f"{taking.url}/v1/submissions", content=named("after"), headers=headers, timeout=60), 202)
-
-
-def test_what_httpx_sends(taking: Taking) -> None:
-    data = {"suite": "smoke@2", "name": "by httpx"}
-    given: dict[str, Any] = {"model": ("../../etc/passwd", b"a model", "application/octet-stream")}
-    headers = {"Authorization": f"Bearer {taking.token}"}
-    found = expect(httpx.post(f"{taking.url}/v1/submissions", data=data, files=given, headers=headers, timeout=60), 202)
-    assert found["name"] == "by httpx"
-
-
-def test_a_boundary_in_other_words(taking: Taking) -> None:
-    body = form(part("suite", b"smoke@2"), part("name", b"quoted"), part("model", b"m"))
-    with connected(taking) as raw:
-        said = f'multipart/form-data; charset="utf-8"; boundary="{BOUNDARY}"'
-        raw.sendall(taking.head(len(body), Content_Type=said) + body)
-        assert reply(raw)[0] == 202
 
 
 def test_a_stop_during_uploads(tmp_path: Path) -> None:

@@ -15,7 +15,6 @@ from service_harness import expect, problem
 from sqlalchemy.exc import OperationalError
 from submission_story import OPERATOR, agent, checked, hand_in, owner, running, service_of, story
 
-from wrongturn_protocol import SubmissionState
 from wrongturn_sandbox import SandboxUnavailableError
 
 
@@ -252,20 +251,6 @@ async def test_one_that_runs_is_cancelled_as_its_evaluation_is_closed(http: http
         assert files(http) == []
         problem(await http.get(f"/v1/evaluations/{evaluation}", headers=bearer(token)), 401, "unauthenticated")
         expect(await hand_in(http), 202)
-
-
-@story()
-async def test_what_failed_says_why(http: httpx.AsyncClient) -> None:
-    found = expect(await hand_in(http), 202)
-    await checked(http, found["id"])
-    await service_of(http).submissions.end(found["id"], SubmissionState.FAILED, "speed: no output")
-    shown = expect(await http.get(f"/v1/submissions/{found['id']}"), 200)
-    assert (shown["state"], shown["reason"]) == ("failed", "speed: no output")
-    assert shown["sha256"] == found["sha256"]
-    assert files(http) == []
-    lines = expect(await http.get(f"/v1/submissions/{found['id']}/log"), 200)["lines"]
-    assert [line["message"] for line in lines][-1] == "Failed: speed: no output"
-    expect(await hand_in(http), 202)
 
 
 @story()

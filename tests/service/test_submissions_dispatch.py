@@ -340,15 +340,3 @@ def test_an_agent_that_hands_in_by_its_own_token_is_not_driven_by_it_too(stage: 
         os.kill(int(stage.starts(model, "drive")[0][0]), 9)
         owner.until(submission, "finished")
         expect(agent.step(practice["id"], 1), 200)
-
-
-def test_an_agent_of_another_track_is_told_so(stage: Stage) -> None:
-    service = stage.serve()
-    with service.agent("camera") as agent:
-        owner = stage.owner(service)
-        owner.token = agent.token
-        owner.move(service.url)
-        found = owner.until(expect(owner.post(stage.model(), None), 202)["id"], "failed")
-        assert "privileged" in found["reason"]
-        assert "camera" in found["reason"]
-        assert expect(agent.http.get(f"/v1/agents/{agent.id}"), 200)["name"] == agent.name

@@ -142,15 +142,9 @@ def test_the_disk_of_the_services_home_is_full(small: Service, tmp_path: Path) -
     owner = small.call("POST", "/v1/owners", {"name": "full"}, (small.secrets / "operator_token").read_text())
     token = json.loads(owner.body)["token"]
     wait_until(lambda: b"on: runner container" in ready(small).body)
+    url = f"http://127.0.0.1:{small.port}/v1/submissions"
     form = ["-F", "suite=smoke@2", "-F", "name=too late", "-F", f"model=@{MODEL}"]
-    send = [
-        "curl",
-        "-sS",
-        "-H",
-        f"Authorization: Bearer {token}",
-        *form,
-        f"http://127.0.0.1:{small.port}/v1/submissions",
-    ]
+    send = ["curl", "-sS", "-H", f"Authorization: Bearer {token}", *form, url]
     with full(small, "data"):
         reply = json.loads(command(*send))
         assert (reply["status"], reply["type"]) == (507, "/problems/storage-failed"), reply

@@ -138,10 +138,7 @@ class Job(abc.ABC):
             await self._runner_gone(_PATIENCE_S)
 
     async def _lost(self, lost: RunnerLostError, attempts: int) -> int:
-        """Note that a runner was lost, after so many in a row, and wait a little before the next one.
-
-        Returns:
-            How many were lost in a row by now.
+        """Note that a runner was lost, after so many in a row; wait a little, and return how many it is by now.
 
         Raises:
             RefusedError: They were too many, or the model is gone, which is why the runner ended.

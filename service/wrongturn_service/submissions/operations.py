@@ -108,23 +108,14 @@ class Submissions:
     async def make_agent(
         self, submission_id: str, track: Track, *, description: str | None = None, trained_on_faults: bool = False
     ) -> str | None:
-        """Make the agent of a submission whose model was looked at, with what the model says of it.
+        """Make the agent of a submission whose model was looked at, unless an agent handed it in, and return its id.
 
-        Returns:
-            The agent's id, that of the agent that handed it in if one did. None if the submission is over.
-
-        Raises:
-            RefusedError: The name is taken by now, or the agent that handed it in has another track.
+        Returns None if the submission is over. Raises RefusedError if the name is taken by now.
         """
         row = await self.rows.get(submission_id)
         if row is None or SubmissionState(row.state).over:
             return None
         if row.agent_id is not None:
-            if row.track != track:
-                raise RefusedError(
-                    f"the model's track is {track}, and the track of agent {row.name!r} is {row.track}; hand it in "
-                    "with its owner's token by another name"
-                )
             return row.agent_id
         agent = AgentRow(
             id=new_id("ag"),

@@ -29,13 +29,8 @@ def in_turn(
 ) -> list[SubmissionRow]:
     """Return the waiting submissions in the order in which they will run if no other one arrives.
 
-    Which of those that run ends first is not known; this takes the one that began first.
-
-    Args:
-        waiting: The submissions that wait.
-        running: Owners of those that run, in the order of their beginnings.
-        served: As above.
-        slots: How many run at a time.
+    Which of those that run ends first is not known; this takes the one that began first. ``running`` are their owners,
+    in the order of their beginnings.
     """
     turns, count, places = dict(served), Counter(running), deque(running)
     lines: dict[str, deque[SubmissionRow]] = {}

@@ -160,15 +160,8 @@ async def runner(
 ) -> AsyncIterator[Runner]:
     """Start a runner and give it a job. Its whole process group is ended when the block ends.
 
-    Args:
-        job: What the runner has to do.
-        submission: Id of the submission, for the operator's log.
-        command: Program of the runner.
-        halt: Tells the job to end.
-        environment: Variables of the service, of which the runner gets few.
-
-    Raises:
-        RunnerLostError: The runner cannot be started.
+    ``halt`` tells the job to end. The runner gets few of the variables of ``environment``. Raises RunnerLostError if
+    it cannot be started.
     """
     try:
         process = await asyncio.create_subprocess_exec(

@@ -52,11 +52,8 @@ class Uploads:
     def __init__(self, files: ModelFiles, *, limit: int, patience_s: float, each: int) -> None:
         """Create the threads.
 
-        Args:
-            files: Where models are kept.
-            limit: Largest model, bytes.
-            patience_s: Seconds in which a client has to send 64 KiB.
-            each: Uploads of one owner at a time. An address may have four times as many.
+        A model has at most ``limit`` bytes, and 64 KiB of it come within ``patience_s``. An owner has ``each`` uploads
+        at a time, an address four times as many.
         """
         self._files = files
         self._limit = limit
