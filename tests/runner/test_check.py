@@ -11,6 +11,8 @@ from small_models import forgetful, not_a_number_above, of_input, slow, steady
 
 from wrongturn_client import Client, LocalService
 from wrongturn_protocol import Track
+from wrongturn_runner.errors import ModelAtFaultError
+from wrongturn_runner.jobs import check
 from wrongturn_runner.messages import Described, Passed, PracticeJob, Refused
 
 pytestmark = pytest.mark.usefixtures("bubblewrap")
@@ -24,20 +26,40 @@ def practice(service: LocalService, track: Track = Track.PRIVILEGED) -> Practice
         return PracticeJob(token=token, suite=SUITE, trial=client.trials(SUITE)[0].id)
 
 
-def checked(
-    folder: Path, service: LocalService, model: bytes, *tracks: Track, agent: Track | None = None
-) -> list[Event]:
-    """Return the events of a check to its end, with practice if the model gets so far."""
+def checked(folder: Path, service: LocalService, model: bytes) -> list[Event]:
+    """Return the events of a check by the program, with practice if the model gets so far."""
     with Runner(folder) as runner:
-        runner.tell(check_of(folder, model, service.url, *tracks).model_copy(update={"agent_track": agent}))
+        runner.tell(check_of(folder, model, service.url))
         first = runner.hear()
         if isinstance(first, Described):
             runner.tell(practice(service, first.track))
         events = [first, *runner.events()]
         assert runner.status() == 0, runner.log
         assert not runner.log
-    assert all(event is not None for event in events)
     return [event for event in events if event is not None]
+
+
+class Listening:
+    """In place of a conversation, in this process."""
+
+    def __init__(self, service: LocalService) -> None:
+        self._service = service
+        self.described: Described | None = None
+
+    def tell(self, event: Described) -> None:
+        self.described = event
+
+    def practice(self) -> PracticeJob:
+        assert self.described is not None
+        return practice(self._service, self.described.track)
+
+
+def refusal(folder: Path, service: LocalService, model: bytes, *tracks: Track, agent: Track | None = None) -> str:
+    """Return why a check refuses a model."""
+    job = check_of(folder, model, service.url, *tracks).model_copy(update={"agent_track": agent})
+    with pytest.raises(ModelAtFaultError) as refused:
+        check(job, Listening(service))  # type: ignore[arg-type]
+    return str(refused.value)
 
 
 def open_episodes(service: LocalService) -> float:
@@ -76,15 +98,16 @@ def test_a_model_that_works_passes(tmp_path: Path, service: LocalService) -> Non
 def test_what_is_wrong_with_a_model_is_told(
     tmp_path: Path, service: LocalService, model: bytes, tracks: tuple[Track, ...], agent: Track | None, reason: str
 ) -> None:
-    refused = checked(tmp_path, service, model, *tracks, agent=agent)[-1]
-    assert isinstance(refused, Refused)
-    assert re.search(reason, refused.reason), refused.reason
+    told = refusal(tmp_path, service, model, *tracks, agent=agent)
+    assert re.search(reason, told), told
 
 
 def test_what_the_metadata_says_of_the_agent_is_told(tmp_path: Path, service: LocalService) -> None:
     said = {"track": "privileged", "description": "  Drives\non. " + "x" * 3000, "trained_on_faults": "True"}
-    described = checked(tmp_path, service, steady(metadata=said))[0]
-    assert isinstance(described, Described)
+    listening = Listening(service)
+    check(check_of(tmp_path, steady(metadata=said), service.url), listening)  # type: ignore[arg-type]
+    described = listening.described
+    assert described is not None
     assert described.trained_on_faults
     assert described.about is not None
     assert described.about.startswith("Drives on. xxx")
@@ -92,9 +115,8 @@ def test_what_the_metadata_says_of_the_agent_is_told(tmp_path: Path, service: Lo
 
 
 def test_a_slow_model_is_told_its_time(tmp_path: Path, service: LocalService) -> None:
-    refused = checked(tmp_path, service, slow())[-1]
-    assert isinstance(refused, Refused)
-    assert re.search(r"took \d\.\d s|longer than|time", refused.reason), refused.reason
+    told = refusal(tmp_path, service, slow())
+    assert re.search(r"took \d\.\d s|longer than|time", told), told
 
 
 def test_a_name_of_strangers_is_cut_and_printable(tmp_path: Path, service: LocalService) -> None:
