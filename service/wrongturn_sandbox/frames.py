@@ -1,7 +1,6 @@
 """Frames between processes of ours: four bytes of length, then msgpack or a model's bytes.
 
-Host and guest send and receive them with a limit and a deadline: neither trusts the other's lengths. Service and
-simulator, which trust each other, :func:`pack` and split them.
+Host and guest send and receive them with a limit and a deadline: neither trusts the other's lengths.
 """
 
 import math
@@ -75,35 +74,6 @@ def receive(connection: socket.socket, most: int, deadline: float = math.inf) ->
     if content is None:
         raise CutOffError("a frame without its content")
     return content
-
-
-def pack(message: object) -> bytes:
-    """Return a message as one frame of msgpack."""
-    body = packed(message)
-    return _HEADER.pack(len(body)) + body
-
-
-class Splitter:
-    """Splits a trusted stream of frames into messages."""
-
-    def __init__(self) -> None:
-        self._buffer = bytearray()
-
-    def feed(self, data: bytes) -> list[Any]:
-        """Take the next bytes of the stream, and return the messages that are complete with them."""
-        begin = _HEADER.size
-        if not self._buffer and len(data) > begin and _HEADER.unpack_from(data)[0] == len(data) - begin:
-            return [msgpack.unpackb(memoryview(data)[begin:])]  # nearly always: exactly one frame
-        self._buffer += data
-        messages = []
-        while len(self._buffer) >= begin:
-            end = begin + _HEADER.unpack_from(self._buffer)[0]
-            if len(self._buffer) < end:
-                break
-            with memoryview(self._buffer) as whole, whole[begin:end] as body:
-                messages.append(msgpack.unpackb(body))
-            del self._buffer[:end]
-        return messages
 
 
 def packed(message: object) -> bytes:

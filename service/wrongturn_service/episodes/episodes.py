@@ -85,10 +85,6 @@ class Episodes:
         """Number of open episodes that have a simulator."""
         return sum(episode.simulator is not None for episode in self.registry.values())
 
-    def is_open(self, episode_id: str) -> bool:
-        """Return whether an episode is open."""
-        return episode_id in self.registry
-
     def silence_s(self, episode: OpenEpisode) -> float:
         """Return the seconds since an open episode's last call; 0 while one is being answered."""
         return 0.0 if episode.lock.locked() else self.clock() - episode.heard
@@ -322,12 +318,7 @@ class Episodes:
                 await self._abort(episode, wait=False)
 
     async def drop(self, evaluations: Collection[str], holders: Collection[str] = ()) -> None:
-        """Close the open episodes of evaluations that are over, and those of agents and submissions that are deleted.
-
-        Args:
-            evaluations: Ids of evaluations.
-            holders: Ids of agents and submissions.
-        """
+        """Close the open episodes of evaluations that are over, and of ``holders``: deleted agents and submissions."""
         for episode in list(self.registry.values()):
             if episode.evaluation in evaluations or episode.holder in holders:
                 async with episode.lock:

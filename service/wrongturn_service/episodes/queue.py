@@ -39,11 +39,7 @@ class SimulatorQueue:
         return len(self._places)
 
     def enter(self, agent: str, call: str) -> None:
-        """Claim a simulator; :meth:`leave` gives it back.
-
-        Args:
-            agent: Id of the agent.
-            call: Name of the call. A call that comes back has its old place.
+        """Claim a simulator; :meth:`leave` gives it back. A call that comes back by its name has its old place.
 
         Raises:
             UnavailableError: All simulators are busy or other calls come first. ``position`` says how many simulators

@@ -39,14 +39,10 @@ def replay_s(actions: bytes) -> float:
 
 
 def in_turn(held: Mapping[str, int], waiting: Iterable[tuple[str, _T]]) -> list[_T]:
-    """Return waiting calls, the next one first.
+    """Return waiting calls, the next one first, from pairs of agent and call in order of arrival.
 
-    The agent with fewer simulators comes first; each of its own earlier calls counts as a simulator. Among equals the
-    earlier call comes first. So an agent that asks for a hundred simulators does not block one that asks for its first.
-
-    Args:
-        held: number of simulators that each agent has.
-        waiting: agent and call, in order of arrival.
+    The agent that has ``held`` fewer simulators comes first; each of its own earlier calls counts as one. Among equals
+    the earlier call comes first. So an agent that asks for a hundred does not block one that asks for its first.
     """
     counted = Counter(held)
     ranked = []
@@ -122,14 +118,7 @@ class Simulator(ABC):
     async def reset(self, trial: str, track: Track, actions: bytes, encoding: Encoding) -> StepResult:
         """Begin an episode, repeat actions that were taken before, and return the result of the last one.
 
-        Args:
-            trial: JSON of Trial.
-            track: what is observed.
-            actions: little-endian float32 [n, 3].
-            encoding: of the observation.
-
-        Raises:
-            EpisodeRefusedError.
+        ``trial`` is JSON of Trial; ``actions`` are little-endian float32 [n, 3]. Raises EpisodeRefusedError.
         """
 
     @abstractmethod

@@ -74,16 +74,13 @@ class LocalSimulator(Simulator, asyncio.Protocol):
     async def start(
         cls, command: Sequence[str], environment: Mapping[str, str], *, start_timeout_s: float, timeout_s: float
     ) -> "LocalSimulator":
-        """Start a process and wait until it is ready.
+        """Start a process and wait ``start_timeout_s`` until it is ready. A call counts as hung after ``timeout_s``.
 
-        Args:
-            command: the program; the socket's descriptor and whole seconds of a call are added.
-            environment: variables of the process, beside the few that it gets of this process's.
-            start_timeout_s: seconds until it has to be ready.
-            timeout_s: seconds after which a call counts as hung.
+        The socket's descriptor and whole seconds of a call are added to the ``command``, and the ``environment`` to the
+        few variables that a process gets of this one's.
 
         Raises:
-            SimulatorStartError: it ended, or was not ready in time.
+            SimulatorStartError: It ended, or was not ready in time.
         """
         ours, theirs = socket.socketpair()
         with theirs:

@@ -45,14 +45,9 @@ class Calls:
         self._reading = asyncio.Semaphore(_READS)
 
     def begin(self, call: Any, done: Callable[[bytes | Reply], None]) -> bool:
-        """Begin a step the short way, without a task; nearly every step can go this way.
+        """Begin a step the short way, without a task; nearly every step can go this way. ``done`` gets the result.
 
-        Args:
-            call: one item of a message.
-            done: called with the result.
-
-        Returns:
-            Whether it has begun; otherwise nothing has happened.
+        Return whether it has begun; otherwise nothing has happened.
         """
         step = _plain_step(call)
         if step is None:
@@ -163,7 +158,7 @@ class Calls:
 
     def _in_line(self, episode: str) -> contextlib.AbstractAsyncContextManager[None]:
         """Return what a call on an episode waits for. One that is open may wait for a simulator, so it has no line."""
-        return contextlib.nullcontext() if self._service.episodes.is_open(episode) else self._reading
+        return contextlib.nullcontext() if episode in self._service.episodes.registry else self._reading
 
 
 def problem_result(error: ServiceError) -> bytes:

@@ -49,18 +49,10 @@ class After(NamedTuple):
 
 @dataclass(frozen=True)
 class Filters:
-    """What a list is narrowed to. None leaves a filter out.
-
-    Attributes:
-        name: Part of the name of the owner or the agent, in upper or lower case.
-        owner: Id of the owner.
-        agent: Id of the agent.
-        suite: Id of the suite.
-        state: State of the evaluation or the submission.
-        hidden: Whether it is hidden itself.
-    """
+    """What a list is narrowed to, by ids. None leaves a filter out."""
 
     name: str | None = None
+    """Part of the name of the owner or the agent, in upper or lower case."""
     owner: str | None = None
     agent: str | None = None
     suite: str | None = None
@@ -78,23 +70,16 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True)
 class Deleted:
-    """What was deleted.
-
-    Attributes:
-        name: Name of the target.
-        held: What stays taken, in words.
-        agents: Ids of the agents that went with it.
-        evaluations: Ids of the evaluations that went with it.
-        submissions: Ids of the submissions that went with it.
-        cancelled: Ids of submissions that waited or ran, also of those that stay.
-    """
+    """What was deleted: its name, and the ids of what went with it."""
 
     name: str
     held: tuple[str, ...]
+    """What stays taken, in words."""
     agents: Sequence[str]
     evaluations: Sequence[str]
     submissions: Sequence[str]
     cancelled: Sequence[str]
+    """Ids of submissions that waited or ran, also of those that stay."""
 
 
 class AdministrationStore(Queries):

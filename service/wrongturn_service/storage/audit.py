@@ -17,15 +17,10 @@ _LONGEST_NAME = 160
 
 @dataclass(frozen=True)
 class Act:
-    """Who does something, from where, and why.
-
-    Attributes:
-        actor: ``operator``, and the first digits of the SHA-256 of the token that was sent.
-        address: Address of the client.
-        reason: Why, as the operator says.
-    """
+    """Who does something, from where, and why."""
 
     actor: str
+    """``operator``, and the first digits of the SHA-256 of the token that was sent."""
     address: str
     reason: str | None = None
 

@@ -62,11 +62,7 @@ class StorageError(SQLAlchemyError):
 
 
 class Condition:
-    """Follows the transactions of a database.
-
-    Args:
-        failed: Is called with the kind of each failed transaction.
-    """
+    """Follows the transactions of a database. ``failed`` is called with the kind of each one that failed."""
 
     def __init__(self, failed: Callable[[str], None] = lambda _: None) -> None:
         self._count = failed

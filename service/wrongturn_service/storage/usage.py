@@ -49,20 +49,15 @@ _UNLIMITED: Final = 1 << 62
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of rows.
-
-    Attributes:
-        rows: The table, joined to those that say whose a row is.
-        id: Column of a row's id.
-        of: Columns that name the owner, agent, evaluation or submission with which a row is deleted.
-        size: Bytes of a row. None if they are counted with another kind.
-        number: What counts the rows.
-    """
+    """A kind of rows."""
 
     rows: Any
+    """The table, joined to those that say whose a row is."""
     id: Any
     of: dict[Collection, Any]
+    """Columns that name the owner, agent, evaluation or submission with which a row is deleted."""
     size: Any = None
+    """Bytes of a row. None if they are counted with another kind."""
     number: Any = field(default_factory=func.count)
 
     @property
