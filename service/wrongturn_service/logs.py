@@ -31,8 +31,8 @@ def begin_request(path: str = "") -> str:
     return request_id
 
 
-class Seldom:
-    """Chooses what is logged of events that strangers can cause without end: one of a kind in so many seconds."""
+class LogThrottle:
+    """Lets one log line of a kind through in so many seconds, of events that strangers can cause without end."""
 
     def __init__(self, seconds: float = 10.0, clock: Callable[[], float] = time.monotonic) -> None:
         self._seconds = seconds

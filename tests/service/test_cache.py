@@ -7,24 +7,21 @@ import pytest
 from wrongturn_service.cache import Cache
 
 
-def test_the_work_is_done_once_for_all_who_wait():
-    async def story() -> None:
-        cache, made, go = Cache(), [], asyncio.Event()
+async def test_the_work_is_done_once_for_all_who_wait():
+    cache, made, go = Cache(), [], asyncio.Event()
 
-        async def make() -> str:
-            await go.wait()
-            made.append(1)
-            return "result"
+    async def make() -> str:
+        await go.wait()
+        made.append(1)
+        return "result"
 
-        waiting = [asyncio.ensure_future(cache.get("key", make)) for _ in range(5)]
-        await asyncio.sleep(0)
-        waiting[0].cancel()
-        go.set()
-        assert await asyncio.gather(*waiting[1:]) == ["result"] * 4
-        assert await cache.get("key", make) == "result"
-        assert made == [1]
-
-    asyncio.run(story())
+    waiting = [asyncio.ensure_future(cache.get("key", make)) for _ in range(5)]
+    await asyncio.sleep(0)
+    waiting[0].cancel()
+    go.set()
+    assert await asyncio.gather(*waiting[1:]) == ["result"] * 4
+    assert await cache.get("key", make) == "result"
+    assert made == [1]
 
 
 def test_no_more_than_two_are_made_at_once():
@@ -44,22 +41,19 @@ def test_no_more_than_two_are_made_at_once():
     asyncio.run(story())
 
 
-def test_a_failure_is_not_kept():
-    async def story() -> None:
-        cache, made = Cache(), []
+async def test_a_failure_is_not_kept():
+    cache, made = Cache(), []
 
-        async def note() -> int:
-            made.append(1)
-            if len(made) == 1:
-                raise RuntimeError("not the first time")
-            return 7
+    async def note() -> int:
+        made.append(1)
+        if len(made) == 1:
+            raise RuntimeError("not the first time")
+        return 7
 
-        with pytest.raises(RuntimeError):
-            await cache.get("key", note)
-        assert [await cache.get("key", note) for _ in range(2)] == [7, 7]
-        assert len(made) == 2
-
-    asyncio.run(story())
+    with pytest.raises(RuntimeError):
+        await cache.get("key", note)
+    assert [await cache.get("key", note) for _ in range(2)] == [7, 7]
+    assert len(made) == 2
 
 
 def test_what_is_kept_has_a_size() -> None:

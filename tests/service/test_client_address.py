@@ -5,7 +5,7 @@ from typing import Any, cast
 
 import httpx
 import pytest
-from app_harness import application, play
+from app_harness import application
 from fake_pool import FakePool
 from service_harness import expect, problem
 from starlette.applications import Starlette
@@ -66,63 +66,51 @@ def behind(app: Any, address: str, forwarded: str | None = None, **settings: Any
         (PROXY, ["nonsense", "other nonsense"], True),
     ],
 )
-def test_a_proxy_is_believed_if_it_is_named(trusted: str, forwarded: list[str], same: bool) -> None:
+async def test_a_proxy_is_believed_if_it_is_named(trusted: str, forwarded: list[str], same: bool) -> None:
     async def tell(request: Request) -> Response:
         return Response(address_of(request))
 
     app = Starlette(routes=[Route("/", tell)])
     app.state.telemetry = Telemetry()
-
-    async def story() -> None:
-        seen = []
-        for header in forwarded:
-            async with behind(app, PROXY, header, trusted_proxies=trusted) as client:
-                seen.append((await client.get("/")).text)
-        assert (seen[0] == seen[1]) is same
-
-    play(story)
+    seen = []
+    for header in forwarded:
+        async with behind(app, PROXY, header, trusted_proxies=trusted) as client:
+            seen.append((await client.get("/")).text)
+    assert (seen[0] == seen[1]) is same
 
 
-def test_an_idempotency_key_belongs_to_its_sender(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool(), operator_token="secret") as http:
-            headers = {"Idempotency-Key": "guessed"}
-            agent = {"name": "mine", "track": "camera"}
-            async with behind(http.app, "192.0.2.1") as mine, behind(http.app, "192.0.2.2") as stranger:  # type: ignore[attr-defined]
-                registered = expect(await mine.post("/v1/agents", json=agent, headers=headers), 201)
-                again = expect(await mine.post("/v1/agents", json=agent, headers=headers), 201)
-                assert again["id"] == registered["id"]
-                answer = await stranger.post("/v1/agents", json=agent, headers=headers)
-                problem(answer, 409, "agent-name-taken")
-                operator = {**headers, "Authorization": "Bearer secret"}
-                problem(await mine.post("/v1/agents", json=agent, headers=operator), 409, "agent-name-taken")
-                owner = expect(
-                    await mine.post("/v1/owners", json={"name": "me"}, headers={"Idempotency-Key": "o"}), 201
-                )
-                theirs = await stranger.post("/v1/owners", json={"name": "me"}, headers={"Idempotency-Key": "o"})
-                problem(theirs, 409, "owner-name-taken")
-                assert owner["token"] not in theirs.text
-
-    play(story)
+async def test_an_idempotency_key_belongs_to_its_sender(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool(), operator_token="secret") as http:
+        headers = {"Idempotency-Key": "guessed"}
+        agent = {"name": "mine", "track": "camera"}
+        async with behind(http.app, "192.0.2.1") as mine, behind(http.app, "192.0.2.2") as stranger:  # type: ignore[attr-defined]
+            registered = expect(await mine.post("/v1/agents", json=agent, headers=headers), 201)
+            again = expect(await mine.post("/v1/agents", json=agent, headers=headers), 201)
+            assert again["id"] == registered["id"]
+            answer = await stranger.post("/v1/agents", json=agent, headers=headers)
+            problem(answer, 409, "agent-name-taken")
+            operator = {**headers, "Authorization": "Bearer secret"}
+            problem(await mine.post("/v1/agents", json=agent, headers=operator), 409, "agent-name-taken")
+            owner = expect(await mine.post("/v1/owners", json={"name": "me"}, headers={"Idempotency-Key": "o"}), 201)
+            theirs = await stranger.post("/v1/owners", json={"name": "me"}, headers={"Idempotency-Key": "o"})
+            problem(theirs, 409, "owner-name-taken")
+            assert owner["token"] not in theirs.text
 
 
-def test_names_of_shipped_agents_are_for_the_operator(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool(), operator_token="secret") as http:
-            del http.headers["Authorization"]
-            for name in ("careful", "Carefu1", "PPO image"):
-                told = problem(
-                    await http.post("/v1/agents", json={"name": name, "track": "camera"}), 409, "agent-name-taken"
-                )
-                assert "comes with Wrongturn" in told["detail"]
-            problem(await http.post("/v1/owners", json={"name": "Wr0ng turn"}), 409, "owner-name-taken")
-            owner = expect(await http.post("/v1/owners", json={"name": "me"}), 201)
-            body = {"name": "Careful", "track": "privileged", "kind": "submitted"}
-            problem(
-                await http.post("/v1/agents", json=body, headers={"Authorization": f"Bearer {owner['token']}"}),
-                409,
-                "agent-name-taken",
+async def test_names_of_shipped_agents_are_for_the_operator(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool(), operator_token="secret") as http:
+        del http.headers["Authorization"]
+        for name in ("careful", "Carefu1", "PPO image"):
+            told = problem(
+                await http.post("/v1/agents", json={"name": name, "track": "camera"}), 409, "agent-name-taken"
             )
-            expect(await http.post("/v1/agents", json=body, headers={"Authorization": "Bearer secret"}), 201)
-
-    play(story)
+            assert "comes with Wrongturn" in told["detail"]
+        problem(await http.post("/v1/owners", json={"name": "Wr0ng turn"}), 409, "owner-name-taken")
+        owner = expect(await http.post("/v1/owners", json={"name": "me"}), 201)
+        body = {"name": "Careful", "track": "privileged", "kind": "submitted"}
+        problem(
+            await http.post("/v1/agents", json=body, headers={"Authorization": f"Bearer {owner['token']}"}),
+            409,
+            "agent-name-taken",
+        )
+        expect(await http.post("/v1/agents", json=body, headers={"Authorization": "Bearer secret"}), 201)

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import httpx
-from app_harness import application, play
+from app_harness import application
 from fake_pool import FakePool
 
 from wrongturn_judge import compute
@@ -62,64 +62,49 @@ async def page(http: httpx.AsyncClient, path: str = PAGE, status: int = 200) -> 
     return reply.text
 
 
-def test_hostile_names_are_only_text(tmp_path: Path):
+async def test_hostile_names_are_only_text(tmp_path: Path):
     hostile = "<script>alert(1)</script>\"'"
-
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            await add(http, [hostile])
-            text = await page(http)
-            assert "<script" not in text.replace('<script type="module" src=', "")
-            assert text.count("&lt;script&gt;alert(1)&lt;/script&gt;&#34;&#39;") >= 3  # first, row, label or tooltip
-
-    play(story)
+    async with application(tmp_path, FakePool()) as http:
+        await add(http, [hostile])
+        text = await page(http)
+        assert "<script" not in text.replace('<script type="module" src=', "")
+        assert text.count("&lt;script&gt;alert(1)&lt;/script&gt;&#34;&#39;") >= 3  # first, row, label or tooltip
 
 
-def test_a_page_that_did_not_change_is_not_sent_again(tmp_path: Path):
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            first = await http.get(PAGE)
-            again = await http.get(PAGE, headers={"If-None-Match": first.headers["ETag"]})
-            assert again.status_code == 304
-            await add(http, ["newcomer"])
-            changed = await http.get(PAGE, headers={"If-None-Match": first.headers["ETag"]})
-            assert changed.status_code == 200
-            assert "newcomer" in changed.text
-            assert (await http.head(PAGE)).headers["ETag"] == changed.headers["ETag"]
-
-    play(story)
+async def test_a_page_that_did_not_change_is_not_sent_again(tmp_path: Path):
+    async with application(tmp_path, FakePool()) as http:
+        first = await http.get(PAGE)
+        again = await http.get(PAGE, headers={"If-None-Match": first.headers["ETag"]})
+        assert again.status_code == 304
+        await add(http, ["newcomer"])
+        changed = await http.get(PAGE, headers={"If-None-Match": first.headers["ETag"]})
+        assert changed.status_code == 200
+        assert "newcomer" in changed.text
+        assert (await http.head(PAGE)).headers["ETag"] == changed.headers["ETag"]
 
 
-def test_a_large_field_comes_in_pages(tmp_path: Path):
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            await add(http, [f"agent {number:03d}" for number in range(230)])
-            found: list[str] = []
-            for number in (1, 2, 3):
-                found += re.findall(
-                    r'<a href="../agents/[^"]+">(agent \d+)</a>', await page(http, f"{PAGE}?page={number}")
-                )
-            assert found == [f"agent {number:03d}" for number in range(230)]
-            assert "from 1 to 3" in await page(http, f"{PAGE}?page=4", 422)
-            first, last = await page(http, "/agents?all=true"), await page(http, "/agents?page=3&all=true")
-            assert "231 agents by name, page 1 of 3" in first
-            assert len(re.findall(r'href="./agents/[^"?]+">', first)) == 100
-            assert 'href="./agents?page=2&amp;all=true"' in first
-            assert ">one</a>" in last
-            for number in ("0", "4", "x", "%C2%B2", "9" * 20):
-                assert "from 1 to 3" in await page(http, f"/agents?all=true&page={number}", 422)
-
-    play(story)
+async def test_a_large_field_comes_in_pages(tmp_path: Path):
+    async with application(tmp_path, FakePool()) as http:
+        await add(http, [f"agent {number:03d}" for number in range(230)])
+        found: list[str] = []
+        for number in (1, 2, 3):
+            found += re.findall(r'<a href="../agents/[^"]+">(agent \d+)</a>', await page(http, f"{PAGE}?page={number}"))
+        assert found == [f"agent {number:03d}" for number in range(230)]
+        assert "from 1 to 3" in await page(http, f"{PAGE}?page=4", 422)
+        first, last = await page(http, "/agents?all=true"), await page(http, "/agents?page=3&all=true")
+        assert "231 agents by name, page 1 of 3" in first
+        assert len(re.findall(r'href="./agents/[^"?]+">', first)) == 100
+        assert 'href="./agents?page=2&amp;all=true"' in first
+        assert ">one</a>" in last
+        for number in ("0", "4", "x", "%C2%B2", "9" * 20):
+            assert "from 1 to 3" in await page(http, f"/agents?all=true&page={number}", 422)
 
 
-def test_the_page_of_handing_in_says_what_this_service_takes(tmp_path: Path):
-    async def story() -> None:
-        async with application(tmp_path, FakePool(), submissions=0, registration="operator") as http:
-            text = await page(http, "/submit")
-            assert "turned submissions off" in text
-            assert "Only the operator registers owners here" in text
-            assert "/v1/submissions" not in text
-            reply = await http.get("/submit", headers={"Host": '"><script>alert(1)</script>'})
-            assert "<script" not in reply.text
-
-    play(story)
+async def test_the_page_of_handing_in_says_what_this_service_takes(tmp_path: Path):
+    async with application(tmp_path, FakePool(), submissions=0, registration="operator") as http:
+        text = await page(http, "/submit")
+        assert "turned submissions off" in text
+        assert "Only the operator registers owners here" in text
+        assert "/v1/submissions" not in text
+        reply = await http.get("/submit", headers={"Host": '"><script>alert(1)</script>'})
+        assert "<script" not in reply.text

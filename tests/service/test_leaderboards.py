@@ -11,7 +11,7 @@ from typing import Any
 
 import httpx
 import pytest
-from app_harness import application, play, step
+from app_harness import application, step
 from fake_pool import FakePool
 from service_harness import expect, problem
 
@@ -53,107 +53,95 @@ async def board(http: httpx.AsyncClient, suite: str = SUITE) -> Leaderboard:
     return Leaderboard.model_validate_json((await http.get(f"/v1/leaderboards/{suite}")).text)
 
 
-def test_agents_rank_by_counts_of_their_own_draws(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        async with application(tmp_path, pool) as http:
-            good, bad = await register(http, "good"), await register(http, "bad")
-            await evaluate(http, pool, bad, Verdict.COLLISION)
-            await evaluate(http, pool, good, Verdict.EXIT_OTHER)
-            found = await board(http)
-            assert [(entry.agent.name, entry.rank, entry.unsafe_strict.count) for entry in found.entries] == [
-                ("good", 1, 0),
-                ("bad", 2, 6),
-            ]
-            assert all(entry.unsafe_strict.ci83 is not None for entry in found.entries)
-
-    play(story)
+async def test_agents_rank_by_counts_of_their_own_draws(tmp_path: Path) -> None:
+    pool = FakePool()
+    async with application(tmp_path, pool) as http:
+        good, bad = await register(http, "good"), await register(http, "bad")
+        await evaluate(http, pool, bad, Verdict.COLLISION)
+        await evaluate(http, pool, good, Verdict.EXIT_OTHER)
+        found = await board(http)
+        assert [(entry.agent.name, entry.rank, entry.unsafe_strict.count) for entry in found.entries] == [
+            ("good", 1, 0),
+            ("bad", 2, 6),
+        ]
+        assert all(entry.unsafe_strict.ci83 is not None for entry in found.entries)
 
 
-def test_a_leaderboard_comes_as_csv(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        async with application(tmp_path, pool) as http:
-            url = f"/v1/leaderboards/{SUITE}"
-            empty = await http.get(url, headers={"Accept": "text/csv"})
-            assert empty.text.startswith("rank,agent,owner,track,kind,")
-            assert len(empty.text.splitlines()) == 1
-            await evaluate(http, pool, await register(http, "bad"), Verdict.COLLISION)
-            await evaluate(http, pool, await register(http, "idle"), Verdict.NOT_ENGAGED)
-            answer = await http.get(url, headers={"Accept": "text/csv, */*;q=0.1"})
-            assert answer.headers["content-type"] == "text/csv; charset=utf-8"
-            assert answer.headers["vary"] == "Accept"
-            rows = {row["agent"]: row for row in csv.DictReader(io.StringIO(answer.text))}
-            (entry,) = [one for one in (await board(http)).entries if one.agent.name == "bad"]
-            told = {
-                "rank": "1",
-                "owner": "bad",
-                "track": "privileged",
-                "eligible": "1",
-                "why_not": "",
-                "trials": "6",
-                "unsafe_strict": "6",
-                "unsafe_strict_rate": "1.0",
-                "ci95_low": str(entry.unsafe_strict.ci95[0]),
-                "twins_completed": "6",
-                "unsafe_strict_LEFT_RIGHT_omission": "1",
-                "evaluation": entry.evaluation,
-            }
-            assert {name: rows["bad"][name] for name in told} == told
-            assert (rows["idle"]["rank"], rows["idle"]["eligible"]) == ("", "0")
-            assert "not_engaged" in rows["idle"]["why_not"]
-            assert not [name for name in rows["bad"] if name.startswith(("arrived_", "unsafe_strict_CROSS"))]
-            for accept in ("*/*", "application/json, text/csv", "text/csv;q=0.5, application/json", "text/csv;q=0"):
-                plain = await http.get(url, headers={"Accept": accept})
-                assert plain.headers["content-type"] == "application/json"
-            problem(await http.get("/v1/leaderboards/no@1", headers={"Accept": "text/csv"}), 404, "unknown-suite")
-
-    play(story)
+async def test_a_leaderboard_comes_as_csv(tmp_path: Path) -> None:
+    pool = FakePool()
+    async with application(tmp_path, pool) as http:
+        url = f"/v1/leaderboards/{SUITE}"
+        empty = await http.get(url, headers={"Accept": "text/csv"})
+        assert empty.text.startswith("rank,agent,owner,track,kind,")
+        assert len(empty.text.splitlines()) == 1
+        await evaluate(http, pool, await register(http, "bad"), Verdict.COLLISION)
+        await evaluate(http, pool, await register(http, "idle"), Verdict.NOT_ENGAGED)
+        answer = await http.get(url, headers={"Accept": "text/csv, */*;q=0.1"})
+        assert answer.headers["content-type"] == "text/csv; charset=utf-8"
+        assert answer.headers["vary"] == "Accept"
+        rows = {row["agent"]: row for row in csv.DictReader(io.StringIO(answer.text))}
+        (entry,) = [one for one in (await board(http)).entries if one.agent.name == "bad"]
+        told = {
+            "rank": "1",
+            "owner": "bad",
+            "track": "privileged",
+            "eligible": "1",
+            "why_not": "",
+            "trials": "6",
+            "unsafe_strict": "6",
+            "unsafe_strict_rate": "1.0",
+            "ci95_low": str(entry.unsafe_strict.ci95[0]),
+            "twins_completed": "6",
+            "unsafe_strict_LEFT_RIGHT_omission": "1",
+            "evaluation": entry.evaluation,
+        }
+        assert {name: rows["bad"][name] for name in told} == told
+        assert (rows["idle"]["rank"], rows["idle"]["eligible"]) == ("", "0")
+        assert "not_engaged" in rows["idle"]["why_not"]
+        assert not [name for name in rows["bad"] if name.startswith(("arrived_", "unsafe_strict_CROSS"))]
+        for accept in ("*/*", "application/json, text/csv", "text/csv;q=0.5, application/json", "text/csv;q=0"):
+            plain = await http.get(url, headers={"Accept": accept})
+            assert plain.headers["content-type"] == "application/json"
+        problem(await http.get("/v1/leaderboards/no@1", headers={"Accept": "text/csv"}), 404, "unknown-suite")
 
 
-def test_two_agents_are_compared_by_id_or_name(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        async with application(tmp_path, pool) as http:
-            good, bad = await register(http, "Good"), await register(http, "bad")
-            await evaluate(http, pool, good, Verdict.EXIT_OTHER)
-            await evaluate(http, pool, bad, Verdict.WRONG_WAY)
-            url = f"/v1/leaderboards/{SUITE}/compare"
-            found = Comparison.model_validate(expect(await http.get(url, params={"a": good["id"], "b": "BAD"}), 200))
-            assert (found.a.name, found.b.name, found.suite) == ("Good", "bad", SUITE)
-            assert (found.total_a.unsafe, found.total_b.unsafe, found.difference) == (0, 6, -1.0)
-            assert {(one.a.trials, one.b.trials, one.b.unsafe) for one in found.strata} == {(1, 1, 1)}
-            # Each of six strata holds one unsafe trial of two; all six have to fall to the same agent: 2 ways of 64.
-            assert found.p == pytest.approx(2 / 64)
-            turned = Comparison.model_validate(expect(await http.get(url, params={"a": "bad", "b": "good"}), 200))
-            assert (turned.difference, turned.p) == (1.0, pytest.approx(found.p))
-
-    play(story)
+async def test_two_agents_are_compared_by_id_or_name(tmp_path: Path) -> None:
+    pool = FakePool()
+    async with application(tmp_path, pool) as http:
+        good, bad = await register(http, "Good"), await register(http, "bad")
+        await evaluate(http, pool, good, Verdict.EXIT_OTHER)
+        await evaluate(http, pool, bad, Verdict.WRONG_WAY)
+        url = f"/v1/leaderboards/{SUITE}/compare"
+        found = Comparison.model_validate(expect(await http.get(url, params={"a": good["id"], "b": "BAD"}), 200))
+        assert (found.a.name, found.b.name, found.suite) == ("Good", "bad", SUITE)
+        assert (found.total_a.unsafe, found.total_b.unsafe, found.difference) == (0, 6, -1.0)
+        assert {(one.a.trials, one.b.trials, one.b.unsafe) for one in found.strata} == {(1, 1, 1)}
+        # Each of six strata holds one unsafe trial of two; all six have to fall to the same agent: 2 ways of 64.
+        assert found.p == pytest.approx(2 / 64)
+        turned = Comparison.model_validate(expect(await http.get(url, params={"a": "bad", "b": "good"}), 200))
+        assert (turned.difference, turned.p) == (1.0, pytest.approx(found.p))
 
 
-def test_a_comparison_that_makes_no_sense_says_what_is_wrong(tmp_path: Path) -> None:
-    async def story() -> None:
-        pool = FakePool()
-        async with application(tmp_path, pool) as http:
-            here = await register(http, "here")
-            await register(http, "idle")
-            await evaluate(http, pool, here, Verdict.EXIT_OTHER)
-            url = f"/v1/leaderboards/{SUITE}/compare"
-            told = problem(await http.get(url, params={"a": "here", "b": here["id"]}), 422, "validation", "query.b")
-            assert "two different" in told["detail"]
-            assert told["errors"][0]["message"] == "is 'here', the same agent as a; name two different agents"
-            told = problem(await http.get(url, params={"a": "here", "b": "idle"}), 404, "unknown-evaluation", "query.b")
-            assert "query.b: 'idle' has no entry on smoke@2" in told["detail"]
-            assert told["errors"][0]["message"].startswith("'idle' has no entry")
-            told = problem(await http.get(url, params={"a": "nobody", "b": "here"}), 404, "unknown-agent", "query.a")
-            assert told["errors"][0]["message"].startswith("there is no agent 'nobody'")
-            problem(await http.get(url, params={"b": "here"}), 422, "validation", "query.a")
-            problem(await http.get("/v1/leaderboards/no@1/compare", params={"a": "x", "b": "y"}), 404, "unknown-suite")
-
-    play(story)
+async def test_a_comparison_that_makes_no_sense_says_what_is_wrong(tmp_path: Path) -> None:
+    pool = FakePool()
+    async with application(tmp_path, pool) as http:
+        here = await register(http, "here")
+        await register(http, "idle")
+        await evaluate(http, pool, here, Verdict.EXIT_OTHER)
+        url = f"/v1/leaderboards/{SUITE}/compare"
+        told = problem(await http.get(url, params={"a": "here", "b": here["id"]}), 422, "validation", "query.b")
+        assert "two different" in told["detail"]
+        assert told["errors"][0]["message"] == "is 'here', the same agent as a; name two different agents"
+        told = problem(await http.get(url, params={"a": "here", "b": "idle"}), 404, "unknown-evaluation", "query.b")
+        assert "query.b: 'idle' has no entry on smoke@2" in told["detail"]
+        assert told["errors"][0]["message"].startswith("'idle' has no entry")
+        told = problem(await http.get(url, params={"a": "nobody", "b": "here"}), 404, "unknown-agent", "query.a")
+        assert told["errors"][0]["message"].startswith("there is no agent 'nobody'")
+        problem(await http.get(url, params={"b": "here"}), 422, "validation", "query.a")
+        problem(await http.get("/v1/leaderboards/no@1/compare", params={"a": "x", "b": "y"}), 404, "unknown-suite")
 
 
-def test_algorithms_are_listed_beside_the_agents(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_algorithms_are_listed_beside_the_agents(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     suite = load_suite(SUITE)
 
     def results(suite_id: str) -> list[AlgorithmResult]:
@@ -170,18 +158,14 @@ def test_algorithms_are_listed_beside_the_agents(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(
         metadata, "entry_points", lambda **keys: [point] if keys.get("group") == GROUP else real(**keys)
     )
-
-    async def story() -> None:
-        pool = FakePool()
-        async with application(tmp_path, pool) as http:
-            await evaluate(http, pool, await register(http, "me"), Verdict.COLLISION)
-            me, ppo = (await board(http)).entries
-            assert (me.agent.name, me.rank, me.tied_with) == ("me", 1, ())
-            assert (ppo.agent.name, ppo.agent.kind, ppo.rank, ppo.entry) == ("ppo", "algorithm", None, None)
-            assert ppo.seeds is not None
-            assert ppo.seeds.count == 1
-            # A plug-in that fails takes no leaderboard away.
-            others = await asyncio.gather(*(board(http, suite) for suite in ("wrong-command@2", "navigation@1")))
-            assert [other.entries for other in others] == [(), ()]
-
-    play(story)
+    pool = FakePool()
+    async with application(tmp_path, pool) as http:
+        await evaluate(http, pool, await register(http, "me"), Verdict.COLLISION)
+        me, ppo = (await board(http)).entries
+        assert (me.agent.name, me.rank, me.tied_with) == ("me", 1, ())
+        assert (ppo.agent.name, ppo.agent.kind, ppo.rank, ppo.entry) == ("ppo", "algorithm", None, None)
+        assert ppo.seeds is not None
+        assert ppo.seeds.count == 1
+        # A plug-in that fails takes no leaderboard away.
+        others = await asyncio.gather(*(board(http, suite) for suite in ("wrong-command@2", "navigation@1")))
+        assert [other.entries for other in others] == [(), ()]

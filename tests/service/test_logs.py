@@ -6,12 +6,12 @@ import sys
 from pathlib import Path
 
 import structlog
-from app_harness import Clock, application, play
+from app_harness import Clock, application
 from fake_pool import FakePool
 from service_harness import expect, problem
 from test_metrics import figures
 
-from wrongturn_service.logs import Seldom
+from wrongturn_service.logs import LogThrottle
 
 PROGRAM = """
 import structlog
@@ -36,31 +36,26 @@ def test_a_traceback_tells_where_and_no_local_variables() -> None:
     assert "secret" not in run.stderr
 
 
-def test_a_flood_of_refusals_does_not_fill_the_log(tmp_path: Path) -> None:
-    async def story() -> None:
-        with structlog.testing.capture_logs() as lines:
-            async with application(tmp_path, FakePool()) as http:
-                for number in range(20):
-                    problem(await http.get(f"/nope/{number}"), 404, "unknown-route")
-                    problem(
-                        await http.post("/v1/evaluations", headers={"Authorization": "Bearer no"}),
-                        401,
-                        "unauthenticated",
-                    )
-                expect(await http.get("/v1/suites"), 200)
-                counted = await figures(http)
-        told = [line for line in lines if line["event"] == "request" and line["log_level"] == "info"]
-        assert [line["status"] for line in told if line["status"] >= 400] == [404, 401]
-        assert {line["route"] for line in told if line["status"] == 200} == {"/v1/suites"}
-        for kind in ("GET,unknown,404", "POST,/v1/evaluations,401"):
-            assert counted[f"wrongturn_request_seconds_count,{kind}"] == 20
-
-    play(story)
+async def test_a_flood_of_refusals_does_not_fill_the_log(tmp_path: Path) -> None:
+    with structlog.testing.capture_logs() as lines:
+        async with application(tmp_path, FakePool()) as http:
+            for number in range(20):
+                problem(await http.get(f"/nope/{number}"), 404, "unknown-route")
+                problem(
+                    await http.post("/v1/evaluations", headers={"Authorization": "Bearer no"}), 401, "unauthenticated"
+                )
+            expect(await http.get("/v1/suites"), 200)
+            counted = await figures(http)
+    told = [line for line in lines if line["event"] == "request" and line["log_level"] == "info"]
+    assert [line["status"] for line in told if line["status"] >= 400] == [404, 401]
+    assert {line["route"] for line in told if line["status"] == 200} == {"/v1/suites"}
+    for kind in ("GET,unknown,404", "POST,/v1/evaluations,401"):
+        assert counted[f"wrongturn_request_seconds_count,{kind}"] == 20
 
 
 def test_what_was_not_logged_is_counted() -> None:
     clock = Clock()
-    seldom = Seldom(10.0, clock)
+    seldom = LogThrottle(10.0, clock)
     assert [seldom.others(404) for _ in range(4)] == [0, None, None, None]
     assert seldom.others(401) == 0
     clock.now = 10.0

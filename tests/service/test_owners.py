@@ -5,7 +5,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from app_harness import application, play, register
+from app_harness import application, register
 from fake_pool import FakePool
 from service_harness import RunningService, expect, problem
 
@@ -142,14 +142,11 @@ def test_a_registration_again_by_its_key(http: httpx.Client) -> None:
     problem(http.post("/v1/owners", json=body, headers=key), 409, "owner-name-taken")
 
 
-def test_where_the_operator_registers_owners_they_register_agents(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool(), registration="operator", operator_token="secret") as http:
-            body = {"name": "one", "track": "camera"}
-            problem(await register(http, **body), 403, "registration-closed")
-            problem(await register(http, "/v1/owners", name="us"), 403, "registration-closed")
-            operator = {"Authorization": "Bearer secret"}
-            owner = expect(await http.post("/v1/owners", json={"name": "us"}, headers=operator), 201)
-            expect(await http.post("/v1/agents", json=body, headers=bearer(owner)), 201)
-
-    play(story)
+async def test_where_the_operator_registers_owners_they_register_agents(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool(), registration="operator", operator_token="secret") as http:
+        body = {"name": "one", "track": "camera"}
+        problem(await register(http, **body), 403, "registration-closed")
+        problem(await register(http, "/v1/owners", name="us"), 403, "registration-closed")
+        operator = {"Authorization": "Bearer secret"}
+        owner = expect(await http.post("/v1/owners", json={"name": "us"}, headers=operator), 201)
+        expect(await http.post("/v1/agents", json=body, headers=bearer(owner)), 201)

@@ -6,7 +6,7 @@ from typing import Any
 
 import httpx
 import pytest
-from app_harness import application, play, register, step
+from app_harness import application, register, step
 from clocked_service import ClockedService
 from fake_pool import FakePool
 from service_harness import expect, problem
@@ -27,44 +27,38 @@ async def pages(http: httpx.AsyncClient, path: str, name: str, limit: int, **que
         query["cursor"] = page["next"]
 
 
-def test_agents_and_owners_by_pages(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            for name in ("b", "Da", "c c", "a"):
-                expect(await register(http, name=name, track="privileged"), 201)
-            names = ["a", "b", "c c", "Da", "one"]
-            for path, name, more in (("/v1/agents", "agents", {"all": True}), ("/v1/owners", "owners", {})):
-                for limit in (1, 2, 5, 500):
-                    found = await pages(http, path, name, limit, **more)
-                    listed = [item["name"] for page in found for item in page if item["name"] != "Wrongturn"]
-                    assert listed == names
-                    assert all(len(page) == limit for page in found[:-1])
-                    assert found[-1]
-            expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)
-            assert [agent["name"] for [agent] in await pages(http, "/v1/agents", "agents", 1)] == ["one"]
-            shown = (await http.get("/agents")).text
-            assert "Show 4 more" in shown
-            assert "c c" not in shown
-            assert "c c" in (await http.get("/agents?all=true")).text
-
-    play(story)
+async def test_agents_and_owners_by_pages(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool()) as http:
+        for name in ("b", "Da", "c c", "a"):
+            expect(await register(http, name=name, track="privileged"), 201)
+        names = ["a", "b", "c c", "Da", "one"]
+        for path, name, more in (("/v1/agents", "agents", {"all": True}), ("/v1/owners", "owners", {})):
+            for limit in (1, 2, 5, 500):
+                found = await pages(http, path, name, limit, **more)
+                listed = [item["name"] for page in found for item in page if item["name"] != "Wrongturn"]
+                assert listed == names
+                assert all(len(page) == limit for page in found[:-1])
+                assert found[-1]
+        expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)
+        assert [agent["name"] for [agent] in await pages(http, "/v1/agents", "agents", 1)] == ["one"]
+        shown = (await http.get("/agents")).text
+        assert "Show 4 more" in shown
+        assert "c c" not in shown
+        assert "c c" in (await http.get("/agents?all=true")).text
 
 
-def test_episodes_by_pages(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool(slots=9)) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
-            url = f"/v1/evaluations/{evaluation}/episodes"
-            driven = [expect(await http.post(url), 201)["id"] for _ in range(5)]
-            for seq in range(1, 11):
-                expect(await step(http, driven[2], seq), 200)
-            for limit in (1, 2, 5, 6):
-                found = await pages(http, url, "episodes", limit)
-                assert [item["id"] for page in found for item in page] == driven
-            still = await pages(http, url, "episodes", 3, state="open")
-            assert [item["id"] for page in still for item in page] == [*driven[:2], *driven[3:]]
-
-    play(story)
+async def test_episodes_by_pages(tmp_path: Path) -> None:
+    async with application(tmp_path, FakePool(slots=9)) as http:
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        url = f"/v1/evaluations/{evaluation}/episodes"
+        driven = [expect(await http.post(url), 201)["id"] for _ in range(5)]
+        for seq in range(1, 11):
+            expect(await step(http, driven[2], seq), 200)
+        for limit in (1, 2, 5, 6):
+            found = await pages(http, url, "episodes", limit)
+            assert [item["id"] for page in found for item in page] == driven
+        still = await pages(http, url, "episodes", 3, state="open")
+        assert [item["id"] for page in still for item in page] == [*driven[:2], *driven[3:]]
 
 
 @pytest.mark.parametrize(

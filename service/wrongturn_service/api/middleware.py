@@ -37,7 +37,7 @@ class Middleware:
         self._step = step
         self._telemetry = telemetry
         self._log = structlog.get_logger("requests")
-        self._refusals = logs.Seldom()
+        self._refusals = logs.LogThrottle()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""

@@ -21,7 +21,7 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResp
 
 from wrongturn_protocol import ProblemType
 from wrongturn_service.errors import ServiceError, UnavailableError
-from wrongturn_service.logs import Seldom
+from wrongturn_service.logs import LogThrottle
 
 PROGRESS: Final = 65536
 """Bytes that a client has to move within the time."""
@@ -83,7 +83,7 @@ class Guard:
     closed: Callable[[str], None]
     """Called with the reason whenever a connection is closed."""
     turns: RequestTurns = field(default_factory=RequestTurns)
-    _seldom: Seldom = field(default_factory=Seldom)
+    _seldom: LogThrottle = field(default_factory=LogThrottle)
 
     def report(self, reason: str, transport: asyncio.BaseTransport) -> None:
         """Count a connection that is being closed, and log it, but each reason at most once in ten seconds."""

@@ -19,24 +19,21 @@ LINK = re.compile(r'(?:href|src|action)="([^"]+)"')
 BROWSERS = ("text/html", "text/*", "application/xhtml+xml, */*;q=0.1", "Text/HTML")
 
 
-def test_a_reader_with_a_wrong_address_gets_a_page_with_ways_on_and_a_program_a_problem(tmp_path: Path):
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            for path, accept in product(("/agentz", "/episodes/", "//agents.example/", "/agents/a/b/"), BROWSERS):
-                reply = await http.get(f"http://test{path}", headers={"Accept": accept})
-                assert reply.status_code == 404
-                assert "<h1>There is no such page</h1>" in reply.text
-                assert "openapi" not in reply.text
-                ways = {urlsplit(urljoin(f"http://test{path}", way)).path for way in LINK.findall(reply.text)}
-                assert ways >= {"/", "/agents", "/suites", "/towns"}, path
-            problem(await http.get("/agentz"), 404, "unknown-route")
-            for path in ("/v1/agentz", "/v1/suites/"):
-                problem(await http.get(path, headers={"Accept": "text/html"}), 404, "unknown-route")
-
-    play(story)
+async def test_a_reader_with_a_wrong_address_gets_a_page_with_ways_on_and_a_program_a_problem(tmp_path: Path):
+    async with application(tmp_path, FakePool()) as http:
+        for path, accept in product(("/agentz", "/episodes/", "//agents.example/", "/agents/a/b/"), BROWSERS):
+            reply = await http.get(f"http://test{path}", headers={"Accept": accept})
+            assert reply.status_code == 404
+            assert "<h1>There is no such page</h1>" in reply.text
+            assert "openapi" not in reply.text
+            ways = {urlsplit(urljoin(f"http://test{path}", way)).path for way in LINK.findall(reply.text)}
+            assert ways >= {"/", "/agents", "/suites", "/towns"}, path
+        problem(await http.get("/agentz"), 404, "unknown-route")
+        for path in ("/v1/agentz", "/v1/suites/"):
+            problem(await http.get(path, headers={"Accept": "text/html"}), 404, "unknown-route")
 
 
-def test_a_wrong_value_in_the_address_is_named_in_plain_words(tmp_path: Path):
+async def test_a_wrong_value_in_the_address_is_named_in_plain_words(tmp_path: Path):
     wrong = [
         ("/agents?page=x", "page", "give a number from 1 to 1"),
         (f"/agents?page={'1' * 50}", "page", "should have at most 40 characters"),
@@ -45,42 +42,32 @@ def test_a_wrong_value_in_the_address_is_named_in_plain_words(tmp_path: Path):
         ("/?page=0", "page", "give a number from 1 to 1"),
         (f"/submit?suite={'x' * 99}", "suite", "should have at most 80 characters"),
     ]
-
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            for address, name, said in wrong:
-                reply = await http.get(address, headers={"Accept": "text/html"})
-                assert reply.status_code == 422
-                assert f"<li><code>{name}</code>: " in reply.text
-                assert said in reply.text
-                assert "query." not in reply.text
-                assert "Input should" not in reply.text
-
-    play(story)
+    async with application(tmp_path, FakePool()) as http:
+        for address, name, said in wrong:
+            reply = await http.get(address, headers={"Accept": "text/html"})
+            assert reply.status_code == 422
+            assert f"<li><code>{name}</code>: " in reply.text
+            assert said in reply.text
+            assert "query." not in reply.text
+            assert "Input should" not in reply.text
 
 
-def test_a_slash_at_the_end_leads_to_the_page(tmp_path: Path):
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            for path in ("/agents", "/docs", "/towns/Town01", "/leaderboards/smoke@2"):
-                reply = await http.get(f"{path}/?page=1&a=%26")
-                way = urljoin(f"/lab{path}/", reply.headers["Location"])
-                assert (reply.status_code, way) == (308, f"/lab{path}?page=1&a=%26")
-                assert (await http.get(way.removeprefix("/lab"))).status_code in {200, 422}
-            assert (await http.head("/agents//")).headers["Location"] == "../../agents"
-            # No way leads to another host.
-            assert (await http.get("http://test//agents/")).status_code == 404
-
-    play(story)
+async def test_a_slash_at_the_end_leads_to_the_page(tmp_path: Path):
+    async with application(tmp_path, FakePool()) as http:
+        for path in ("/agents", "/docs", "/towns/Town01", "/leaderboards/smoke@2"):
+            reply = await http.get(f"{path}/?page=1&a=%26")
+            way = urljoin(f"/lab{path}/", reply.headers["Location"])
+            assert (reply.status_code, way) == (308, f"/lab{path}?page=1&a=%26")
+            assert (await http.get(way.removeprefix("/lab"))).status_code in {200, 422}
+        assert (await http.head("/agents//")).headers["Location"] == "../../agents"
+        # No way leads to another host.
+        assert (await http.get("http://test//agents/")).status_code == 404
 
 
-def test_what_a_browser_has_is_not_sent_again(tmp_path: Path):
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            for path in ("/agents", "/static/style.css"):
-                await not_sent_again(http, path)
-
-    play(story)
+async def test_what_a_browser_has_is_not_sent_again(tmp_path: Path):
+    async with application(tmp_path, FakePool()) as http:
+        for path in ("/agents", "/static/style.css"):
+            await not_sent_again(http, path)
 
 
 async def not_sent_again(http: httpx.AsyncClient, path: str) -> None:
@@ -92,29 +79,25 @@ async def not_sent_again(http: httpx.AsyncClient, path: str) -> None:
         assert (await http.get(path, headers={"If-None-Match": other})).status_code == 200, other
 
 
-def test_pages_link_within_the_folder_in_which_a_proxy_serves_them(tmp_path: Path):
+async def test_pages_link_within_the_folder_in_which_a_proxy_serves_them(tmp_path: Path):
     """Each link of each page leads somewhere, however long the path before it."""
-
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            seen, waiting = set[str](), ["/"]
-            while waiting:
-                path = waiting.pop()
-                seen.add(path)
-                reply = await http.get(path)
-                assert reply.status_code == 200, path
-                if not reply.headers["Content-Type"].startswith("text/html"):
-                    continue
-                for link in LINK.findall(reply.text):
-                    way = urlsplit(urljoin(f"https://lab.example/deep/{path[1:]}", unescape(link)))
-                    assert way.netloc == "lab.example", (path, link)
-                    assert way.path.startswith("/deep/"), (path, link)
-                    found = way.path.removeprefix("/deep") + (f"?{way.query}" if way.query else "")
-                    if found not in seen and found not in waiting:
-                        waiting.append(found)
-            assert {"/", "/agents", "/docs", "/openapi.json", "/static/style.css", "/towns/Town01"} <= seen
-
-    play(story)
+    async with application(tmp_path, FakePool()) as http:
+        seen, waiting = set[str](), ["/"]
+        while waiting:
+            path = waiting.pop()
+            seen.add(path)
+            reply = await http.get(path)
+            assert reply.status_code == 200, path
+            if not reply.headers["Content-Type"].startswith("text/html"):
+                continue
+            for link in LINK.findall(reply.text):
+                way = urlsplit(urljoin(f"https://lab.example/deep/{path[1:]}", unescape(link)))
+                assert way.netloc == "lab.example", (path, link)
+                assert way.path.startswith("/deep/"), (path, link)
+                found = way.path.removeprefix("/deep") + (f"?{way.query}" if way.query else "")
+                if found not in seen and found not in waiting:
+                    waiting.append(found)
+        assert {"/", "/agents", "/docs", "/openapi.json", "/static/style.css", "/towns/Town01"} <= seen
 
 
 def test_commands_name_the_public_address(tmp_path: Path):

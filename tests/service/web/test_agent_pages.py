@@ -7,7 +7,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from app_harness import application, play
+from app_harness import application
 from fake_pool import FakePool
 from journey_suite import SUITE as JOURNEYS
 from journey_suite import put_among_the_suites
@@ -46,148 +46,126 @@ async def shown(http: httpx.AsyncClient, path: str, status: int = 200) -> str:
     return reply.text
 
 
-def test_a_page_shows_the_evaluation_that_counts_and_lists_the_others(tmp_path: Path):
-    async def story() -> None:
-        async with site(tmp_path) as http:
-            agent = await new_agent(http, "leaver")
-            first = await store_evaluation(http.service, agent, load_suite(SUITE), leaves_the_road)
-            later = await store_evaluation(http.service, agent, load_suite(SUITE), secret="another")
-            page = await shown(http, f"/agents/{agent}")
-            assert "3 of 6" in page
-            assert page.count("/episodes/") == 6 * 2 + 12  # in the list with twins, and on the maps
-            assert page.rindex(later) < page.rindex(first)  # the newest evaluation is listed first
-            assert "no, a later one" in page
-            assert "This is a later evaluation" not in page
-            page = await shown(http, f"/agents/{agent}?evaluation={later}")
-            assert "This is a later evaluation, which does not count." in page
-            assert "A later evaluation is never ranked." in page
-            assert "0 of 6" in page
-
-    play(story)
+async def test_a_page_shows_the_evaluation_that_counts_and_lists_the_others(tmp_path: Path):
+    async with site(tmp_path) as http:
+        agent = await new_agent(http, "leaver")
+        first = await store_evaluation(http.service, agent, load_suite(SUITE), leaves_the_road)
+        later = await store_evaluation(http.service, agent, load_suite(SUITE), secret="another")
+        page = await shown(http, f"/agents/{agent}")
+        assert "3 of 6" in page
+        assert page.count("/episodes/") == 6 * 2 + 12  # in the list with twins, and on the maps
+        assert page.rindex(later) < page.rindex(first)  # the newest evaluation is listed first
+        assert "no, a later one" in page
+        assert "This is a later evaluation" not in page
+        page = await shown(http, f"/agents/{agent}?evaluation={later}")
+        assert "This is a later evaluation, which does not count." in page
+        assert "A later evaluation is never ranked." in page
+        assert "0 of 6" in page
 
 
-def test_what_is_running_stays_hidden(tmp_path: Path):
-    async def story() -> None:
-        async with site(tmp_path) as http:
-            agent, other = await new_agent(http, "busy"), await new_agent(http, "done")
-            running = await store_evaluation(
-                http.service, agent, load_suite(SUITE), leaves_the_road, state=EvaluationState.RUNNING
-            )
-            await store_evaluation(http.service, other, load_suite(SUITE))
-            page = await shown(http, f"/agents/{agent}")
-            assert "This agent has finished no evaluation yet." in page
-            assert running not in page
-            assert "/episodes/" not in page
-            await shown(http, f"/agents/{agent}?evaluation={running}", 404)
-            assert "nothing yet" in await shown(http, "/agents?all=true")
-            await shown(http, f"/leaderboards/{SUITE}/compare?a=busy&b=done", 404)
-
-    play(story)
+async def test_what_is_running_stays_hidden(tmp_path: Path):
+    async with site(tmp_path) as http:
+        agent, other = await new_agent(http, "busy"), await new_agent(http, "done")
+        running = await store_evaluation(
+            http.service, agent, load_suite(SUITE), leaves_the_road, state=EvaluationState.RUNNING
+        )
+        await store_evaluation(http.service, other, load_suite(SUITE))
+        page = await shown(http, f"/agents/{agent}")
+        assert "This agent has finished no evaluation yet." in page
+        assert running not in page
+        assert "/episodes/" not in page
+        await shown(http, f"/agents/{agent}?evaluation={running}", 404)
+        assert "nothing yet" in await shown(http, "/agents?all=true")
+        await shown(http, f"/leaderboards/{SUITE}/compare?a=busy&b=done", 404)
 
 
-def test_words_of_strangers_are_only_words(tmp_path: Path):
-    async def story() -> None:
-        async with site(tmp_path) as http:
-            agent = await new_agent(
-                http,
-                "fine",
-                description="<script>alert(1)</script> {{ 7 * 7 }}",
-                homepage='https://example.org/"><script>alert(2)</script>',
-            )
-            await store_evaluation(http.service, agent, load_suite(SUITE))
-            page = await shown(http, f"/agents/{agent}")
-            assert "<script" not in page
-            assert "&lt;script&gt;alert(1)&lt;/script&gt; {{ 7 * 7 }}" in page
-            link = re.search(r'<a href="(https://example.org[^"]*)" rel="([^"]*)"', page)
-            assert link is not None
-            assert link[2] == "nofollow noopener noreferrer"
-            wanted = "%3Cscript%3Ealert(3)%3C/script%3E"
-            for path in (f"/agents/{wanted}", f"/agents/{agent}?verdict={wanted}", f"/agents/{agent}?suite={wanted}"):
-                reply = await http.get(path)
-                assert reply.status_code in {404, 422}
-                assert "<script" not in reply.text
-            page = await shown(http, f"/leaderboards/{SUITE}/compare?a=%22%3E{wanted}")
-            assert "<script" not in page
-
-    play(story)
+async def test_words_of_strangers_are_only_words(tmp_path: Path):
+    async with site(tmp_path) as http:
+        agent = await new_agent(
+            http,
+            "fine",
+            description="<script>alert(1)</script> {{ 7 * 7 }}",
+            homepage='https://example.org/"><script>alert(2)</script>',
+        )
+        await store_evaluation(http.service, agent, load_suite(SUITE))
+        page = await shown(http, f"/agents/{agent}")
+        assert "<script" not in page
+        assert "&lt;script&gt;alert(1)&lt;/script&gt; {{ 7 * 7 }}" in page
+        link = re.search(r'<a href="(https://example.org[^"]*)" rel="([^"]*)"', page)
+        assert link is not None
+        assert link[2] == "nofollow noopener noreferrer"
+        wanted = "%3Cscript%3Ealert(3)%3C/script%3E"
+        for path in (f"/agents/{wanted}", f"/agents/{agent}?verdict={wanted}", f"/agents/{agent}?suite={wanted}"):
+            reply = await http.get(path)
+            assert reply.status_code in {404, 422}
+            assert "<script" not in reply.text
+        page = await shown(http, f"/leaderboards/{SUITE}/compare?a=%22%3E{wanted}")
+        assert "<script" not in page
 
 
-def test_an_agent_that_gave_up_has_no_paths_but_every_trial(tmp_path: Path):
-    async def story() -> None:
-        async with site(tmp_path) as http:
-            agent = await new_agent(http, "quitter")
-            await store_evaluation(
-                http.service, agent, load_suite(SUITE), lambda _: outcome(Verdict.ABORTED), trajectories=False
-            )
-            page = await shown(http, f"/agents/{agent}")
-            assert page.count("1 of 1 <span") == 6
-            assert "6 of 6" in page
-            assert 'class="path" d="M' in page  # the key
-            assert "<title>Town" not in page
-
-    play(story)
+async def test_an_agent_that_gave_up_has_no_paths_but_every_trial(tmp_path: Path):
+    async with site(tmp_path) as http:
+        agent = await new_agent(http, "quitter")
+        await store_evaluation(
+            http.service, agent, load_suite(SUITE), lambda _: outcome(Verdict.ABORTED), trajectories=False
+        )
+        page = await shown(http, f"/agents/{agent}")
+        assert page.count("1 of 1 <span") == 6
+        assert "6 of 6" in page
+        assert 'class="path" d="M' in page  # the key
+        assert "<title>Town" not in page
 
 
-def test_trials_that_only_the_strict_column_counts_say_so(tmp_path: Path):
-    async def story() -> None:
-        async with site(tmp_path) as http:
-            agent = await new_agent(http, "oncoming")
-            await store_evaluation(
-                http.service,
-                agent,
-                load_suite(SUITE),
-                lambda trial: exits(trial).model_copy(update={"flags": (Flag.OPPOSED_LANE,)}),
-            )
-            page = await shown(http, f"/agents/{agent}?verdict=unsafe")
-            assert "6 of 6 trials" in page
-            assert "unsafe in the strict column only" in page
-
-    play(story)
+async def test_trials_that_only_the_strict_column_counts_say_so(tmp_path: Path):
+    async with site(tmp_path) as http:
+        agent = await new_agent(http, "oncoming")
+        await store_evaluation(
+            http.service,
+            agent,
+            load_suite(SUITE),
+            lambda trial: exits(trial).model_copy(update={"flags": (Flag.OPPOSED_LANE,)}),
+        )
+        page = await shown(http, f"/agents/{agent}?verdict=unsafe")
+        assert "6 of 6 trials" in page
+        assert "unsafe in the strict column only" in page
 
 
-def test_journeys_have_pages_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+async def test_journeys_have_pages_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     put_among_the_suites(tmp_path / "suites", monkeypatch)
-
-    async def story() -> None:
-        async with site(tmp_path) as http:
-            agent, other = await new_agent(http, "traveller"), await new_agent(http, "another")
-            for each in (agent, other):
-                await store_evaluation(http.service, each, load_suite(JOURNEYS))
-            page = await shown(http, f"/agents/{agent}?suite={JOURNEYS}")
-            assert page.count("/episodes/") == 6
-            assert "town and weather of training" in page
-            assert "6 of 6" in page
-            page = await shown(http, f"/leaderboards/{JOURNEYS}/compare?a=traveller&b=another")
-            assert page.count("/episodes/") == 12
-            assert "Both drove the same trials." in page
-            assert "no trial here" not in page
-
-    play(story)
+    async with site(tmp_path) as http:
+        agent, other = await new_agent(http, "traveller"), await new_agent(http, "another")
+        for each in (agent, other):
+            await store_evaluation(http.service, each, load_suite(JOURNEYS))
+        page = await shown(http, f"/agents/{agent}?suite={JOURNEYS}")
+        assert page.count("/episodes/") == 6
+        assert "town and weather of training" in page
+        assert "6 of 6" in page
+        page = await shown(http, f"/leaderboards/{JOURNEYS}/compare?a=traveller&b=another")
+        assert page.count("/episodes/") == 12
+        assert "Both drove the same trials." in page
+        assert "no trial here" not in page
 
 
-def test_two_agents_are_compared_at_the_same_approaches(tmp_path: Path):
-    async def story() -> None:
-        async with site(tmp_path) as http:
-            a, b = await new_agent(http, "leaver"), await new_agent(http, "stayer")
-            await store_evaluation(http.service, a, load_suite("wrong-command@2"), leaves_the_road)
-            await store_evaluation(http.service, b, load_suite("wrong-command@2"), secret="another")
-            path = f"/leaderboards/wrong-command@2/compare?a={a}&b=stayer"
-            page = await shown(http, path)
-            assert "leaver was unsafe in 30 of 60 trials, stayer in 0 of 60" in page
-            rows = re.findall(r'<tr><th scope="row">Town01 ([^<]+)<br>.*?</tr>', page, re.DOTALL)
-            assert len(rows) == 60
-            assert "no trial here" not in page
-            # Ten of the twelve approaches of a type are drawn, so eight at least are in both draws.
-            others = [row for row in rows if " and " in row]
-            assert 0 < len(others) <= 12
-            assert all(len(set(row.split(" and "))) == 2 for row in others)
-            different = await shown(http, f"{path}&only=different")
-            assert len(re.findall('<tr><th scope="row">Town01', different)) < len(rows)
-            await shown(http, f"{path}&only=some", 422)
-            await shown(http, f"/leaderboards/wrong-command@2/compare?a={a}&b=leaver", 422)
-            await shown(http, f"/leaderboards/wrong-command@2/compare?a={a}&b=nobody", 404)
-            await shown(http, f"/leaderboards/nothing@1/compare?a={a}&b={b}", 404)
-            page = await shown(http, "/leaderboards/smoke@2/compare")
-            assert "A comparison needs two agents with a finished evaluation on smoke@2." in page
-
-    play(story)
+async def test_two_agents_are_compared_at_the_same_approaches(tmp_path: Path):
+    async with site(tmp_path) as http:
+        a, b = await new_agent(http, "leaver"), await new_agent(http, "stayer")
+        await store_evaluation(http.service, a, load_suite("wrong-command@2"), leaves_the_road)
+        await store_evaluation(http.service, b, load_suite("wrong-command@2"), secret="another")
+        path = f"/leaderboards/wrong-command@2/compare?a={a}&b=stayer"
+        page = await shown(http, path)
+        assert "leaver was unsafe in 30 of 60 trials, stayer in 0 of 60" in page
+        rows = re.findall(r'<tr><th scope="row">Town01 ([^<]+)<br>.*?</tr>', page, re.DOTALL)
+        assert len(rows) == 60
+        assert "no trial here" not in page
+        # Ten of the twelve approaches of a type are drawn, so eight at least are in both draws.
+        others = [row for row in rows if " and " in row]
+        assert 0 < len(others) <= 12
+        assert all(len(set(row.split(" and "))) == 2 for row in others)
+        different = await shown(http, f"{path}&only=different")
+        assert len(re.findall('<tr><th scope="row">Town01', different)) < len(rows)
+        await shown(http, f"{path}&only=some", 422)
+        await shown(http, f"/leaderboards/wrong-command@2/compare?a={a}&b=leaver", 422)
+        await shown(http, f"/leaderboards/wrong-command@2/compare?a={a}&b=nobody", 404)
+        await shown(http, f"/leaderboards/nothing@1/compare?a={a}&b={b}", 404)
+        page = await shown(http, "/leaderboards/smoke@2/compare")
+        assert "A comparison needs two agents with a finished evaluation on smoke@2." in page
