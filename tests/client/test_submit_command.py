@@ -3,7 +3,6 @@
 import getpass
 import io
 import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -232,6 +231,7 @@ def test_the_other_variable_may_have_an_agents_token_or_an_owners(
     ("name", "content", "says"),
     [
         ("gone.onnx", None, "cannot be read: No such file"),
+        (".", None, "is a folder"),
         ("empty.onnx", b"", "is empty"),
         ("model.zip", b"PK\x03\x04", r" export sb3 \S*model.zip --out \S*model.onnx, then hand in "),
         ("model.onnx", b"PK\x03\x04", "torch.save"),
@@ -251,13 +251,6 @@ def test_a_file_that_is_no_model_is_told_before_anything_is_sent(
     with pytest.raises(WrongturnError, match=says):
         raise WrongturnError(refused(tmp_path / name))
     assert served.requests == []
-
-
-def test_a_file_that_stable_baselines_saved_is_told(served: FakeSubmissions, tmp_path: Path) -> None:
-    with zipfile.ZipFile(tmp_path / "agent.zip", "w") as archive:
-        archive.writestr("data", "{}")
-    assert " export sb3 " in refused(tmp_path / "agent.zip")
-    assert "is a folder" in refused(tmp_path)
 
 
 def test_what_breaks_the_contract_is_told_before_anything_is_registered(

@@ -75,11 +75,6 @@ def test_rgb_array_and_collected_pictures() -> None:
     assert [picture.shape for picture in env.render()] == [(480, 864, 3)] * 2
 
 
-def test_its_checker_without_a_warning() -> None:
-    env = gym.make(SIM)
-    check_env(env.unwrapped)  # a warning is an error in these tests
-
-
 @pytest.mark.filterwarnings("ignore:.*different from the unwrapped version")
 @pytest.mark.parametrize("env_id", [FLAT, DISCRETE, PIXELS])
 def test_its_checker_of_ids_with_wrappers(env_id: str) -> None:

@@ -136,12 +136,3 @@ def test_callbacks_that_count_and_stop() -> None:
     model.learn(int(1e10), callback=[StopTrainingOnMaxEpisodes(max_episodes=1), verdicts, every])
     assert len(verdicts.seen) == 1
     A2C.load("logs/rl_model_5_steps")
-
-
-def test_a_schedule_of_the_learning_rate_and_parameters_by_hand() -> None:
-    model = A2C("MlpPolicy", FLAT, learning_rate=lambda progress_remaining: progress_remaining * 0.001, **small())
-    model.learn(total_timesteps=5)
-    model.learn(total_timesteps=5, reset_num_timesteps=True)
-    before = evaluate_policy(model, gym.make(FLAT, max_episode_steps=3), n_eval_episodes=1, warn=False)
-    model.set_parameters(model.get_parameters())
-    assert evaluate_policy(model, gym.make(FLAT, max_episode_steps=3), n_eval_episodes=1, warn=False)[1] == before[1]
