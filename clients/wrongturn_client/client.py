@@ -155,8 +155,8 @@ class Client(HttpCalls, PublicCalls, AccountCalls):
             progress: True to show a bar on stderr. Or a function, called with the numbers of finished and of all
                 episodes at the beginning and after each episode.
             versions: Versions of the agent's software by name, for the record.
-            parallel: Episodes driven at a time, each in a thread with a connection of its own, at most 32. A policy that
-                all episodes share must not keep a memory between steps. The threads call ``progress`` in turns.
+            parallel: Episodes driven at a time, at most 32, each in a thread with a connection of its own. A policy
+                that all episodes share must not keep a memory between steps. The threads call ``progress`` in turns.
 
         Returns:
             The finished evaluation with its metrics, its secret and its episodes.

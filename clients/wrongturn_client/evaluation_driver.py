@@ -22,6 +22,7 @@ from wrongturn_client.errors import (
     NoTrialAvailableError,
     PolicyError,
     ProtocolError,
+    ServiceBusyError,
     WrongturnError,
 )
 from wrongturn_client.policy import Policy, PolicyMaker
@@ -83,6 +84,8 @@ class EvaluationDriver:
         self._changed = threading.Condition()
         """Notified when an episode ended: there is room for another, and perhaps its twin is free."""
         self._ended = 0
+        self._refused: list[ServiceBusyError] = []
+        """Of threads that got no connection; they leave their trials to the others."""
         self._last_progress = time.monotonic()
 
     def run(self, parallel: int) -> None:
@@ -92,7 +95,12 @@ class EvaluationDriver:
         """
         if parallel == 1:
             self._work()
-            return
+        else:
+            self._work_in_threads(parallel)
+        if len(self._refused) == parallel:
+            raise self._refused[0]
+
+    def _work_in_threads(self, parallel: int) -> None:
         with ThreadPoolExecutor(parallel, "wrongturn-evaluation") as threads:
             jobs = [threads.submit(self._work) for _ in range(parallel)]
             try:
@@ -105,7 +113,12 @@ class EvaluationDriver:
             job.result()
 
     def _work(self) -> None:
-        with self._connect() as calls:
+        try:
+            connection = self._connect()
+        except ServiceBusyError as error:  # the agent has as many connections as it may
+            self._refused.append(error)
+            return
+        with connection as calls:
             while self._resumed and not self._stop.is_set():
                 with contextlib.suppress(IndexError, EpisodeLostError):
                     found = calls.episode(self._resumed.popleft())

@@ -1,5 +1,6 @@
 """An evaluation comes to its end, whatever happens on the way."""
 
+import contextlib
 import hashlib
 import threading
 import time
@@ -22,10 +23,13 @@ from wrongturn_client import (
     Policy,
     PolicyError,
     ResultsMismatchError,
+    ServiceBusyError,
     WrongturnError,
 )
+from wrongturn_client.episode_calls import DriveConnection
+from wrongturn_client.errors import api_error
 from wrongturn_client.evaluation_driver import EpisodeRecorder
-from wrongturn_protocol import EvaluationState, ProblemType, Track
+from wrongturn_protocol import EvaluationState, Problem, ProblemType, Track
 from wrongturn_protocol.observations import Observation, observation_space
 
 
@@ -377,6 +381,23 @@ def test_where_one_breaks_the_others_episode_stays_for_later() -> None:
         client.evaluate(Breaks, "smoke@2", parallel=2)
     assert len(service.aborted) == 1
     assert len(service.open) == 1
+
+
+@pytest.mark.parametrize("connections", [0, 1])
+def test_threads_without_a_connection_leave_the_trials_to_the_others(
+    connections: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with _client(FakeService(parallel=2)) as client:
+        free = iter([client.connection(1)] * connections)
+
+        def connection(_parallel: int) -> DriveConnection:
+            if (found := next(free, None)) is None:
+                raise api_error(Problem(type="/problems/rate-limited", title="no", status=429, detail="no"))
+            return found
+
+        monkeypatch.setattr(client, "connection", connection)
+        with contextlib.nullcontext() if connections else pytest.raises(ServiceBusyError):
+            assert client.evaluate(Driver(), "smoke@2", parallel=2).state is EvaluationState.FINISHED
 
 
 def test_none_at_a_time_is_refused() -> None:
