@@ -33,24 +33,41 @@ settings.register_profile(
 )
 settings.load_profile("same")
 
+_OF_ONE_SERVICE = (
+    "agents",
+    "bad_input",
+    "drive",
+    "drive_frames",
+    "drive_refusals",
+    "episodes",
+    "evaluations",
+    "owners",
+)
 TOGETHER = {
-    "tests/browser": "browser",
     "tests/client": "clients",
-    "tests/contract": "contract",
     "tests/environments": "clients",
-    "tests/exploits": "exploits",
     "tests/idioms": "clients",
     "tests/runner": "clients",
+    **{f"tests/service/test_{name}.py": "service" for name in (*_OF_ONE_SERVICE, "replays", "traffic", "views")},
+    "tests/contract": "contract",
+    "tests/browser": "browser",
+    "tests/exploits": "exploits",
 }
-"""Folders whose files share a service that takes long to start or to fill: one worker runs all of a group."""
+"""Folders and files that share a service which takes long to start or to fill: one worker runs all of a group. The
+longest group comes first."""
+
+
+def group_of(nodeid: str) -> str | None:
+    """The group of a test, None without one."""
+    file = nodeid.split("::", 1)[0]
+    return next((group for place, group in TOGETHER.items() if file == place or file.startswith(f"{place}/")), None)
 
 
 class FolderScheduling(LoadFileScheduling):  # type: ignore[misc]
-    """Give whole files to the workers, and whole folders where :data:`TOGETHER` names them."""
+    """Give whole files to the workers, and whole groups where :data:`TOGETHER` names them."""
 
     def _split_scope(self, nodeid: str) -> str:
-        file = nodeid.split("::", 1)[0]
-        return next((group for folder, group in TOGETHER.items() if file.startswith(f"{folder}/")), file)
+        return group_of(nodeid) or nodeid.split("::", 1)[0]
 
 
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FolderScheduling | None:
@@ -72,9 +89,15 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the files with slow tests, and whole folders, first: no worker is left alone with a long one at the end."""
+    """Put groups first, then the files with slow tests: no worker is left alone with a long one at the end."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
-    items.sort(key=lambda item: item.path not in slow and not item.nodeid.startswith(tuple(TOGETHER)))
+    groups = list(dict.fromkeys(TOGETHER.values()))
+
+    def turn(item: pytest.Item) -> int:
+        group = group_of(item.nodeid)
+        return len(groups) + (item.path not in slow) if group is None else groups.index(group)
+
+    items.sort(key=turn)
 
 
 @pytest.fixture(scope="session")
