@@ -1,6 +1,6 @@
 """One step over HTTP: its latency, and the processor time that the service's own process takes for it.
 
-``python benchmarks/http_step.py [--steps N] [--json FILE] [--short]``
+``python benchmarks/http_step.py [--steps N] [--url URL --pid PID] [--json FILE] [--short]``
 
 Practice episodes are driven one after the other over one kept-alive connection, with bodies made by hand, by real
 simulators. Resets, and last steps, which wait for their commit, are left out of the figures of steps.
@@ -10,6 +10,7 @@ import json
 import statistics
 import tempfile
 import time
+from contextlib import ExitStack
 from http.client import HTTPConnection
 from typing import Any
 
@@ -45,8 +46,8 @@ class Connection:
         return content
 
 
-def measure(http: Connection, service: LocalService, track: str, media: str, steps: int) -> dict[str, Any]:
-    """Drive at least so many steps of a track."""
+def measure(http: Connection, pid: int, track: str, media: str, steps: int) -> dict[str, Any]:
+    """Drive at least so many steps of a track. The process ``pid`` is the service's."""
     http.headers.update({"Content-Type": media, "Accept": media})
     unpack = json.loads if media.endswith("json") else msgpack.unpackb
     taken: list[float] = []
@@ -57,11 +58,11 @@ def measure(http: Connection, service: LocalService, track: str, media: str, ste
         began = time.perf_counter()
         path = f"/v1/episodes/{unpack(http.call('/v1/episodes', wanted, 201))['id']}/step"
         resets.append(time.perf_counter() - began)
-        before = processor_s(service.pid)
+        before = processor_s(pid)
         for seq in range(1, 1 << 16):
             began = time.perf_counter()
             content = http.call(path, {"seq": seq, "action": ACTION})
-            seconds, spent = time.perf_counter() - began, processor_s(service.pid)
+            seconds, spent = time.perf_counter() - began, processor_s(pid)
             reply = unpack(content)
             if reply["terminated"] or reply["truncated"]:
                 break
@@ -87,20 +88,26 @@ def percentiles(seconds: list[float]) -> dict[str, float]:
 def main() -> None:
     options = parser(__doc__)
     options.add_argument("--steps", type=int, default=2000, help="of each case, at least")
+    options.add_argument("--url", help="of a service that runs already")
+    options.add_argument("--pid", type=int, help="the process of that service")
     given = options.parse_args()
     cases, steps = (CASES[:1], 5) if given.short else (CASES, given.steps)
     rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        database = f"sqlite+aiosqlite:///{folder}/wrongturn.db"
-        with LocalService(database=database, environment={"WRONGTURN_LOG_LEVEL": "error"}) as service:
-            http = Connection(service.url)
-            tokens = {}
-            for track in {track for track, _ in cases}:
-                registered = http.call("/v1/agents", {"name": f"benchmark {track}", "track": track}, 201)
-                tokens[track] = json.loads(registered)["token"]
-            for track, media in cases:
-                http.headers["Authorization"] = f"Bearer {tokens[track]}"
-                rows.append(measure(http, service, track, media, steps))
+    with ExitStack() as stack:
+        url, pid = given.url, given.pid
+        if url is None:
+            folder = stack.enter_context(tempfile.TemporaryDirectory())
+            database, quiet = f"sqlite+aiosqlite:///{folder}/wrongturn.db", {"WRONGTURN_LOG_LEVEL": "error"}
+            service = stack.enter_context(LocalService(database=database, environment=quiet))
+            url, pid = service.url, service.pid
+        http = Connection(url)
+        tokens = {}
+        for track in {track for track, _ in cases}:
+            name = f"benchmark {track} {time.time_ns() // 1000}"
+            tokens[track] = json.loads(http.call("/v1/agents", {"name": name, "track": track}, 201))["token"]
+        for track, media in cases:
+            http.headers["Authorization"] = f"Bearer {tokens[track]}"
+            rows.append(measure(http, pid, track, media, steps))
     for row in rows:
         print(
             f"{row['track']:<13}{row['encoding']:<8}{row['bytes']:>6} bytes   step p50 {row['step_ms']['p50']:.3f} "

@@ -99,7 +99,7 @@ def main() -> None:
     if arguments.short:
         arguments.egos, arguments.steps = 8, 4
     figures: dict[str, dict[str, float]] = {}
-    for track in ("state", "privileged", *WITH_PICTURES):
+    for track in ("state", "camera") if arguments.short else ("state", "privileged", *WITH_PICTURES):
         painted = track in WITH_PICTURES
         egos = max(1, arguments.egos // 8) if painted else arguments.egos
         steps = max(1, arguments.steps // 4) if painted else arguments.steps

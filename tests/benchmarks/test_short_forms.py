@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from wrongturn_client import LocalService
-
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 soak = pytest.mark.soak
 """Takes a minute or more."""
@@ -25,6 +23,9 @@ SHORT = [
     ("wire", {"clients", "batches", "simulators"}, ()),
 ]
 
+DRIVES = {"careful_http.py", "http_step.py"}
+"""Those that drive over the tests' shared service instead of one of their own."""
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
@@ -33,9 +34,9 @@ SHORT = [
 def test_the_short_form_runs(tmp_path: Path, request: pytest.FixtureRequest, name: str, figures: set[str]) -> None:
     file = tmp_path / "figures.json"
     command = [sys.executable, str(BENCHMARKS / name), "--short", "--json", str(file)]
-    if name == "careful_http.py":
-        service: LocalService = request.getfixturevalue("service")
-        command += ["--url", service.url]
+    if name in DRIVES:
+        service = request.getfixturevalue("service")
+        command += ["--url", service.url] + ["--pid", str(service.pid)] * (name == "http_step.py")
     done = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
     assert done.returncode == 0, done.stderr
     found = json.loads(file.read_text("utf-8"))
