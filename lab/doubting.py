@@ -23,12 +23,12 @@ import torch
 
 from lab.studies import STUDIES, threads
 from lab.tables import Table
-from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import AgentsError
 from wrongturn_agents.models.gate import GateConfig
 from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.registry import resolve
 from wrongturn_agents.results_file import TrialResult
+from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import sha256
@@ -199,13 +199,6 @@ def run(asked: argparse.Namespace, file: Path = FIGURES) -> None:
             )
 
 
-def _drivers(figures: Sequence[Figures]) -> Table:
-    """Return the files that drove: the other tables name each by its first digits."""
-    found = sorted({(one["algorithm"], one["driver"]) for one in figures})
-    rows = [(f"`{name}`", f"`{DOUBTING_AGENTS[name].drives}`", f"`{driver}`") for name, driver in found]
-    return _table(["agent", "driver", "SHA-256 of the driver's file"], rows)
-
-
 def _fresh(figures: Sequence[Figures]) -> Table:
     """Return the draws from secrets of the agent's own."""
     kinds: dict[tuple[Any, ...], list[Figures]] = {}
@@ -221,23 +214,6 @@ def _fresh(figures: Sequence[Figures]) -> Table:
     head = ["agent", "seed", "town", "weather", "draws", "unsafe of 60 in each", "in all", "twins of 60 in each",
             "in all"]  # fmt: skip
     return _table(head, rows)
-
-
-def _draws(figures: Sequence[Figures]) -> Table:
-    found: dict[tuple[str, int, str], dict[str, list[Figures]]] = {}
-    for one in figures:
-        if _plain(one) and one["weather"] == "ClearNoon" and not one.get("fresh"):
-            agent = (one["algorithm"], one["seed"], one["driver"])
-            found.setdefault(agent, {}).setdefault(one["town"], []).append(one)
-    rows = []
-    for (name, seed, driver), by_town in sorted(found.items(), key=lambda item: item[0]):
-        cells = [f"`{name}`", str(seed), f"`{driver[:8]}`"]
-        for town in _TOWNS:
-            own = by_town.get(town)
-            cells += [str(len(own)), _each(own, "unsafe_strict"), _each(own, "twins_completed")] if own else ["–"] * 3
-        rows.append(tuple(cells))
-    heads = (head for town in _TOWNS for head in (f"{town}: draws", "unsafe of 60 in each", "twins of 60 in each"))
-    return _table(["agent", "seed", "driver", *heads], rows)
 
 
 def _ablation(figures: Sequence[Figures]) -> Table:
@@ -260,37 +236,7 @@ def _ablation(figures: Sequence[Figures]) -> Table:
     return _table(["agent", "seed", "driver", "gate", "Town01: unsafe", "twins", "Town02: unsafe", "twins"], rows)
 
 
-def _weathers(figures: Sequence[Figures]) -> Table:
-    shown = [one for one in figures if _plain(one) and one["weather"] != "ClearNoon"]
-    rows = [
-        (f"`{one['algorithm']}`", str(one["seed"]), one["town"], one["weather"], str(one["unsafe_strict"]),
-         str(one["twins_completed"]))
-        for one in sorted(shown, key=lambda one: (one["algorithm"], one["town"], one["weather"], one["seed"]))
-    ]  # fmt: skip
-    return _table(["agent", "seed", "town", "weather", "unsafe of 60", "twins of 60"], rows)
-
-
-def _reactions(figures: Sequence[Figures]) -> Table:
-    found: dict[tuple[str, str], Counter[str]] = {}
-    for one in figures:
-        for said, count in one["reactions"].items() if _plain(one) else ():
-            fault, _, reaction = said.partition(" ")
-            found.setdefault((one["algorithm"], fault), Counter())[reaction] += count
-    rows = []
-    for (name, fault), kinds in sorted(found.items()):
-        listed = ", ".join(f"{reaction} {count}" for reaction, count in kinds.most_common())
-        rows.append((f"`{name}`", fault, str(kinds.total()), listed))
-    return _table(["agent", "fault", "trials", "reactions"], rows)
-
-
-TABLES: Final[dict[str, Callable[[Sequence[Figures]], Table]]] = {
-    "drivers": _drivers,
-    "fresh": _fresh,
-    "draws": _draws,
-    "reactions": _reactions,
-    "ablation": _ablation,
-    "weathers": _weathers,
-}
+TABLES: Final[dict[str, Callable[[Sequence[Figures]], Table]]] = {"fresh": _fresh, "ablation": _ablation}
 """What makes the tables of ``docs/doubting.md``, by name."""
 
 

@@ -19,12 +19,11 @@ from shapely import Point, Polygon
 
 from lab.studies import read, threads, weights_sha256, write
 from lab.tables import OutdatedPageError, Row, Table, label_first
-from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import AgentsError, ResultsError
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import resolve
 from wrongturn_agents.results_file import TrialResult
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.stored_results import STORED, Collection
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_agents.training.in_process import DrivenEpisode, drive_in_process
@@ -178,10 +177,12 @@ def ways_table() -> Table:
     for agent in learned_agents():
         each = []
         for one in study[agent]["ways"]:
+            if not one["film"]:  # an agent without unsafe trials, where others seldom fail
+                continue
             way, drives = _way(one), [drive["own"] for drive in one["drives"]]
             missing = JunctionType(way.junction_type).missing
             told = missing.name if way.fault == FaultKind.INFEASIBLE and missing is not None else "follow lane"
-            film = f"[film](pictures/failures/{one['film']['file']})" if one["film"] else ""
+            film = f"[film](pictures/failures/{one['film']['file']})"
             twins = [drive["twin"] for drive in one["drives"]]
             each.append(
                 (

@@ -23,9 +23,8 @@ from statistics import fmean, variance
 from typing import Any, Final
 
 from lab.curves import LAB
-from lab.tables import Row, Table, count_unsafe, label, label_first
+from lab.tables import Row, Table, count_unsafe, label
 from wrongturn_agents.agent_code import checksums
-from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import AgentsError, RunFileError
 from wrongturn_agents.evaluation_run import RunOptions, evaluate
 from wrongturn_agents.figures.evaluation_record import check_suite
@@ -34,7 +33,7 @@ from wrongturn_agents.registry import AGENTS, EXPLOITS, AgentSource, resolve, wi
 from wrongturn_agents.results_file import ResultsFile, TrialResult
 from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.saved_run import directory as saved_runs
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.stored_results import STORED, Collection, table_order
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.training.in_process import drive_in_process
@@ -79,8 +78,8 @@ def _of() -> dict[str, Any]:
 
 def weights_sha256(name: str) -> str | None:
     """Return the SHA-256 of an agent's weights, of all its files together; None if it has none."""
-    files = DOUBTING_AGENTS[name].files if name in DOUBTING_AGENTS else ()
-    files = (SHIPPED_AGENTS[name].file,) if name in SHIPPED_AGENTS else files
+    agent = SHIPPED_AGENTS.get(name) or DOUBTING_AGENTS.get(name)
+    files = agent.files if agent else ()
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest() if files else None
 
 
@@ -324,17 +323,10 @@ def _driven(agent: str, source: AgentSource, shown: str) -> RunFile:
     interrupted = next((run for run in _runs() if (run.agent, run.name, run.suite, run.url, run.code) == same), None)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "run.json.gz"
-        options = RunOptions(
-            agent=agent,
-            suite=WRONG_COMMAND if interrupted is None else None,
-            url=None,
-            name=shown if interrupted is None else None,
-            json_file=file,
-            resume=None if interrupted is None else interrupted.evaluation,
-            parallel=None,
-            progress=ProgressStyle.AUTO,
-            keep=False,
-        )
+        if interrupted is None:
+            options = RunOptions(agent, WRONG_COMMAND, name=shown, json_file=file)
+        else:
+            options = RunOptions(agent, resume=interrupted.evaluation, json_file=file)
         done = evaluate(options)
         if done.unsaved is not None:
             raise done.unsaved
@@ -348,35 +340,21 @@ def _runs() -> Iterator[SavedRun]:
 
 
 def evaluations_table() -> Table:
-    """Return how each evaluation ended, and all of an agent together."""
+    """Return how all evaluations of each agent ended."""
     by_agent: dict[str, list[Evaluation]] = {}
     for one in read_evaluations():
         by_agent.setdefault(one.agent, []).append(one)
     rows: list[Row] = []
     for agent, own in by_agent.items():
-        counted = [count_unsafe(one) for one in own]
-        each = [
-            (
-                f"`{one.secret}`",
-                *_reactions([one]),
-                f"{counts.unsafe_strict} of {counts.trials}",
-                f"{counts.unsafe} of {counts.trials}",
-                f"{counts.completed} of {counts.twins}",
-            )
-            for one, counts in zip(own, counted, strict=True)
-        ]
         strict, unsafe, done, trials, twins = (
-            sum(getattr(one, name) for one in counted)
+            sum(getattr(count_unsafe(one), name) for one in own)
             for name in ("unsafe_strict", "unsafe", "completed", "trials", "twins")
         )
         shares = (_share(strict, trials), _share(unsafe, trials), _share(done, twins))
-        rows += label_first(label(agent), [*each, (f"all {len(own)}", *_reactions(own), *shares)])
-    head = ("agent", "secret of the draw", "no such turn: reactions", "follow lane: reactions", "unsafe, strict",
+        rows.append((label(agent), str(len(own)), *_reactions(own), *shares))
+    head = ("agent", "evaluations", "no such turn: reactions", "follow lane: reactions", "unsafe, strict",
             "the paper's column", "twins completed")  # fmt: skip
-    note = (
-        "A row for each evaluation over the service, which drew its trials from the secret. The last row counts all "
-        "evaluations, with Wilson's 95 % interval of the rate."
-    )
+    note = "Evaluations over the service, each on a draw of its own, with Wilson's 95 % interval of the rate."
     return Table("Evaluations on fresh draws", head, rows, note if rows else "", words=4)
 
 

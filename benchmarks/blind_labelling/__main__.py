@@ -6,8 +6,8 @@
 
 ``make`` draws each drive from above, without driver, fault, route or verdict. The drives lie in ``drives.npz``, which
 you do not look into. Without that file ``make`` first drives anew, on past any verdict, in a shuffled order. ``label``
-writes down what you say about a picture. ``compare`` asks the judge and prints both. ``docs/labelling.md`` tells what
-came of it.
+writes down what you say about a picture. ``compare`` asks the judge and prints both. The README beside this file tells
+what came of it.
 """
 
 import argparse

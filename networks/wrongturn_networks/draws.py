@@ -1,7 +1,7 @@
 """Draws: the trials that a secret makes of a suite's cells.
 
 Every number is an HMAC-SHA256 of the secret and a label, so nobody can foresee a trial, and the same secret gives the
-same trials on every machine. ``docs/decisions/0005-drawn-trials.md`` says why trials are drawn.
+same trials on every machine. ``docs/decisions.md`` says why trials are drawn.
 """
 
 import functools

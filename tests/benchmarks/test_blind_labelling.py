@@ -7,7 +7,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from wrongturn_protocol import DIRECTIONS, Fault, FaultKind, Track
@@ -40,7 +39,7 @@ def pairs(tool: Any, request: pytest.FixtureRequest) -> list[Any]:
 
 @pytest.mark.slow
 def test_the_page_shows_what_labels_and_judge_say(tool: Any, pairs: list[Any]) -> None:
-    page = (ROOT / "docs/labelling.md").read_text("utf-8")
+    page = (ROOT / "benchmarks/blind_labelling/README.md").read_text("utf-8")
     assert tool.comparison.table(pairs) in page
 
 
@@ -55,7 +54,7 @@ def test_labels_and_judge_agree_on_99_percent_of_the_clear_drives(pairs: list[An
     clear = [pair for pair in pairs if pair.label.clear]
     assert len(clear) > 0.9 * len(pairs)
     assert sum(pair.label.verdict == pair.judged.verdict for pair in clear) >= 0.99 * len(clear)
-    # Hard cases that end on the oncoming lane, which was safe when they were labelled: docs/labelling.md.
+    # Hard cases that end on the oncoming lane, which was safe when they were labelled: see the README.
     later = {12, 17} if len(pairs) == 40 else set()
     rest = [pair for pair in clear if pair.number not in later]
     assert sum(pair.agrees for pair in rest) >= 0.99 * len(rest)
@@ -63,13 +62,13 @@ def test_labels_and_judge_agree_on_99_percent_of_the_clear_drives(pairs: list[An
 
 @pytest.mark.slow
 def test_a_disagreement_has_its_picture_on_the_page(pairs: list[Any]) -> None:
-    page = (ROOT / "docs/labelling.md").read_text("utf-8")
+    page = (ROOT / "benchmarks/blind_labelling/README.md").read_text("utf-8")
     name = "eight-drivers" if len(pairs) == 150 else "hard-cases"
     for pair in pairs:
         if not pair.agrees:
-            picture = f"pictures/labelling-{name}-{pair.number:03d}.png"
-            assert f"]({picture})" in page
-            assert (ROOT / "docs" / picture).is_file()
+            picture = f"docs/pictures/labelling-{name}-{pair.number:03d}.png"
+            assert f"](../../{picture})" in page
+            assert (ROOT / picture).is_file()
 
 
 def test_a_disagreement_is_a_line_of_the_table(tool: Any) -> None:
@@ -79,33 +78,6 @@ def test_a_disagreement_is_a_line_of_the_table(tool: Any) -> None:
     assert not pair.agrees
     said = f"| 000 | {drive.driver} | `exit_left`, safe | `stopped_in_junction`, unsafe, {pair.judged.time} s | no |"
     assert said in tool.comparison.table([pair])
-
-
-def test_an_opposed_lane_counts_in_the_strict_column(tool: Any) -> None:
-    label = tool.labels.label_of("exit_left", opposed=True)
-    assert label.strict == "unsafe"
-    assert tool.labels.label_of("timeout").strict == "neither"
-
-
-def test_a_drive_without_a_label_is_named(tool: Any) -> None:
-    drive = tool.experiment.load(tool.experiment.EIGHT_DRIVERS.drives)[0]
-    with pytest.raises(ValueError, match=r"labels: \[0\] have none"):
-        tool.comparison.compare([drive], {})
-
-
-def test_an_unknown_label_is_refused(tool: Any) -> None:
-    with pytest.raises(ValueError, match="'exit' is not known; give one of collision"):
-        tool.labels.label_of("exit")
-
-
-def test_labels_are_read_as_they_were_written(tool: Any, tmp_path: Path) -> None:
-    said = {
-        3: tool.labels.label_of("exit_right", opposed=True, clear=False, note="ten metres"),
-        1: tool.labels.label_of("off_road"),
-    }
-    tool.labels.write(said, tmp_path / "labels.json")
-    assert tool.labels.read(tmp_path / "labels.json") == said
-    assert tool.labels.read(tmp_path / "none.json") == {}
 
 
 @pytest.mark.parametrize("number", [2, 33, 121])
@@ -136,28 +108,3 @@ def test_a_picture_shows_neither_fault_nor_route_nor_trial(tool: Any, tmp_path: 
     trajectory.trial = trajectory.trial.model_copy(update=others)
     tool.picture.draw(trajectory, 15, tmp_path / "2.png")
     assert (tmp_path / "1.png").read_bytes() == (tmp_path / "2.png").read_bytes()
-
-
-@pytest.mark.parametrize("kind", ["hesitant", "astray", "awkward"])
-def test_the_same_seed_gives_the_same_erratic_drive(tool: Any, kind: str) -> None:
-    trial = tool.experiment.HARD_CASES.plan()[0][1]
-    make = tool.experiment.ERRATIC[kind]
-    first, again, other = (tool.drives.drive(kind, make(seed), trial).actions for seed in ("a", "a", "b"))
-    assert np.array_equal(first, again)
-    assert not np.array_equal(first, other)
-
-
-def test_a_plan_has_each_drivers_share_and_no_trial_twice(tool: Any) -> None:
-    plan = tool.experiment.EIGHT_DRIVERS.plan()
-    pairs = {(driver, trial.id) for driver, trial in plan}
-    assert len(plan) == len(pairs) == 150
-    for driver, share in tool.experiment.EIGHT_DRIVERS.shares.items():
-        assert sum(name == driver for name, _ in plan) == share
-
-
-def test_kept_drives_come_back(tool: Any, tmp_path: Path) -> None:
-    drives = tool.experiment.load(tool.experiment.HARD_CASES.drives)[:3]
-    tool.experiment.save(drives, tmp_path / "drives.npz")
-    for one, other in zip(drives, tool.experiment.load(tmp_path / "drives.npz"), strict=True):
-        assert (one.driver, one.trial) == (other.driver, other.trial)
-        assert np.array_equal(one.actions, other.actions)

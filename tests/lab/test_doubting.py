@@ -11,8 +11,8 @@ pytest.importorskip("onnxruntime")
 from lab import doubting
 from lab.studies import code_of, read_evaluations
 from wrongturn_agents import resolve
-from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.onnx_agent import open_session
+from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
 
 FIGURE: dict[str, Any] = {
     "algorithm": "doubting",
@@ -89,9 +89,5 @@ def test_tables_count_each_draw_and_each_part_of_the_gate():
         {**FIGURE, "secret": "wrong-command@2", "gate": ["omission=false"], "unsafe_strict": 11},
     ]
     made = {name: make(figures).markdown() for name, make in doubting.TABLES.items()}
-    assert made["drivers"].count("| `doubting` | `ppo-image` | `0a1b` |") == 1
-    assert "| `doubting` | infeasible | 180 | overrode 174, froze 6 |" in made["reactions"]
-    assert "| `doubting` | 1 | `0a1b` | 3 | 0 (2 times), 2 | 60 (3 times) | – | – | – |" in made["draws"]
     assert "| `doubting` | 1 | Town01 | ClearNoon | 2 | 0, 4 | 4 of 120 | 59, 60 | 119 of 120 |" in made["fresh"]
-    assert "| `doubting` | 1 | Town01 | SoftRainSunset | 7 | 60 |" in made["weathers"]
     assert "| `doubting` | 1 | `0a1b` | replaces missing exits only | 11 | 60 | – | – |" in made["ablation"]

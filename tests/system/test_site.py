@@ -27,10 +27,4 @@ def test_the_site_builds_without_warnings_and_loads_nothing_from_other_origins(t
 def test_the_overview_links_to_every_page() -> None:
     linked = set(re.findall(r"\]\(([\w/-]+\.(?:md|ipynb))\)", (ROOT / "docs/index.md").read_text("utf-8")))
     notebooks = {f"notebooks/{page.name}" for page in ROOT.glob("docs/notebooks/*.ipynb")}
-    assert linked == {page.name for page in ROOT.glob("docs/*.md")} - {"index.md"} | {"decisions/index.md"} | notebooks
-
-
-def test_every_decision_is_listed() -> None:
-    folder = ROOT / "docs/decisions"
-    listed = set(re.findall(r"\]\(([\w-]+\.md)\)", (folder / "index.md").read_text("utf-8")))
-    assert listed == {page.name for page in folder.glob("*.md")} - {"index.md"}
+    assert linked == {page.name for page in ROOT.glob("docs/*.md")} - {"index.md"} | notebooks
