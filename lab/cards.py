@@ -17,10 +17,9 @@ from lab import doubting
 from lab.curves import LAB, Curve, read_curves
 from lab.studies import read_evaluations
 from lab.tables import count_success, count_unsafe, counts_by_seed, spread, with_interval
-from wrongturn_agents.doubting_agent import DOUBTING_AGENTS, ShippedDoubtingAgent
 from wrongturn_agents.errors import ModelFileError
 from wrongturn_agents.onnx_agent import open_session
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, WEIGHTS, ShippedAgent, trained_with
+from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS, WEIGHTS, ShippedAgent, trained_with
 from wrongturn_agents.stored_results import STORED, Collection
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_protocol import CORL_TASKS, Condition
@@ -124,13 +123,13 @@ def cards(
     except (OSError, ValueError, TypeError) as error:
         raise ModelFileError(f"{FACTS}: give each agent's hardware, options and notes, in JSON ({error})") from error
     found = {}
-    everyone: list[ShippedAgent | ShippedDoubtingAgent] = [*SHIPPED_AGENTS.values(), *DOUBTING_AGENTS.values()]
+    everyone = [*SHIPPED_AGENTS.values(), *DOUBTING_AGENTS.values()]
     for agent in everyone:
         if not agent.file.is_file() or (agents and agent.name not in agents):
             continue
         if agent.name not in facts:
             raise ModelFileError(f"{FACTS}: says nothing of {agent.name}; write on what hardware it was trained")
-        if isinstance(agent, ShippedDoubtingAgent):
+        if agent.drives:
             found[agent.card] = doubting_card(agent, facts[agent.name])
         else:
             found[agent.card] = card(agent, collection, trainings, facts[agent.name])
@@ -187,7 +186,7 @@ def card(agent: ShippedAgent, collection: Collection, curves: Iterable[Curve], f
     )
 
 
-def doubting_card(agent: ShippedDoubtingAgent, facts: Facts) -> str:
+def doubting_card(agent: ShippedAgent, facts: Facts) -> str:
     """Return the card of a doubting agent whose file is there."""
     said: dict[str, str] = open_session(agent.file).get_modelmeta().custom_metadata_map
     seed, evaluation = said["seed"], json.loads(said["evaluation"])
@@ -310,7 +309,10 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
         parts.append(text)
     if journeys is not None:
         trials = installed_suite(NAVIGATION).trials
-        how = collection.driven_how(NAVIGATION, agent.name)
+        # Of results that were driven both ways, those over the service count.
+        wanted = (NAVIGATION, agent.name, None, collection.shipped.get(agent.name))
+        files = [one for one in collection.files if (one.suite, one.agent, one.variant, one.seed) == wanted]
+        how = {name: one.driven for one in sorted(files, key=lambda one: one.driven) for name in one.trials}
         driven = {trial.journey.task: how[name] for name, trial in trials.items() if trial.journey and name in how}
         order = list(Condition)
         rows = [
@@ -326,7 +328,7 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
     return [*parts, "Brackets hold Wilson's 95 % interval of the rate."] if parts else ["No results are stored yet."]
 
 
-def _draws(agent: ShippedDoubtingAgent, seed: int) -> str:
+def _draws(agent: ShippedAgent, seed: int) -> str:
     """Return the sums over a doubting agent's evaluations, and over its draws of the study by town and weather."""
     counted = [count_unsafe(one) for one in read_evaluations() if one.agent == agent.name]
     whole: tuple[Any, ...] = (agent.name, seed, [], None)

@@ -10,10 +10,10 @@ from typing import Final, NamedTuple
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.results_file import ResultsFile
-from wrongturn_agents.stored_results import ALGORITHMS, Collection
+from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
+from wrongturn_agents.stored_results import ALGORITHMS, Collection, table_order
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_client.tables import plain_table
 from wrongturn_protocol import (
@@ -338,10 +338,16 @@ def _shipped_row(collection: Collection, name: str, task: Task, *, clean: bool =
     return [(source, *(with_interval(*one, percent=True) if one else "–" for one in counts))]
 
 
+def _variants(collection: Collection) -> list[tuple[str, str]]:
+    """Return the agents and variants of the ablations."""
+    found = {(file.agent, file.variant) for file in collection.files if file.variant is not None}
+    return sorted(found, key=lambda one: (*table_order(one[0]), one[1]))
+
+
 def ablations_table(collection: Collection) -> Table:
     """Return what each part of a training is worth: variants without it, below the standard algorithm."""
     variants: dict[str, list[str | None]] = {}
-    for agent, variant in collection.variants:
+    for agent, variant in _variants(collection):
         variants.setdefault(agent, [None]).append(variant)
     where = [condition for condition in Condition if condition is not Condition.TRAINING]
     rows: list[Row] = []

@@ -104,7 +104,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalService]:
     """One real service for all tests that change nothing of it that another test looks at; a start costs 6 s."""
     database = tmp_path_factory.mktemp("service") / "wrongturn.db"
-    settings = {"WRONGTURN_SUBMISSIONS": "0", "WRONGTURN_SIMULATORS": "4"}
+    settings = {
+        "WRONGTURN_OPERATOR_TOKEN": "operator-token-of-the-tests-0123456789",
+        "WRONGTURN_REGISTRATION_LIMIT": "1000",
+        "WRONGTURN_SUBMISSIONS": "0",
+        "WRONGTURN_SIMULATORS": "4",
+    }
     with LocalService(database=f"sqlite+aiosqlite:///{database}", environment=settings) as service:
         yield service
 

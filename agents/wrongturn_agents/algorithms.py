@@ -14,10 +14,6 @@ def algorithm_results(suite: str, directory: Path = STORED) -> tuple[AlgorithmRe
 
     Ablations are left out, and so are suites that list their trials.
 
-    Args:
-        suite: Id of the suite.
-        directory: Directory of the stored results; by default the package's own.
-
     Raises:
         ResultsError: A file is not valid, or does not fit its suite.
     """

@@ -104,17 +104,7 @@ def run(
 
     Each of these can be in a file instead. Example: export WRONGTURN_TOKEN_FILE=tokens/careful/token
     """
-    options = RunOptions(
-        agent=agent,
-        suite=suite,
-        url=url,
-        name=name,
-        json_file=json_file,
-        resume=resume,
-        parallel=parallel,
-        progress=progress,
-        keep=keep,
-    )
+    options = RunOptions(agent, suite, url, name, json_file, resume, parallel, progress, keep)
     try:
         if practice or task is not None:
             _practise(options, task)

@@ -1,24 +1,18 @@
-"""The shipped agents that question their command: a small file that doubts, and a trained agent that drives behind it.
+"""Agents that question their command: a small file that doubts, and a trained agent that drives behind it.
 
 The file sees what the trained agent sees. From the picture it tells how far the next junction is and which exits it
 has, and hands on a command that the road offers. ``docs/doubting.md`` says how. ``wrongturn export`` writes both as one
 ONNX file.
 """
 
-from copy import copy
-from dataclasses import dataclass
-from functools import lru_cache
-from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from wrongturn_agents.onnx_agent import OnnxAgent, open_session
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, WEIGHTS, load_shipped
-from wrongturn_protocol import Action, AgentKind, Track
+from wrongturn_agents.onnx_agent import OnnxAgent
+from wrongturn_protocol import Action, Track
 from wrongturn_protocol.model_contract import STATE_IN, STATE_OUT
 from wrongturn_protocol.observations import Observation
 
@@ -61,72 +55,3 @@ class DoubtingAgent:
         command, self._memory = self._doubt.run([OBEYED, STATE_OUT], {**feed, STATE_IN: self._memory})
         self.obeyed = int(command[0, 0])
         return self._driving.act({**observation, "command": command[0]})
-
-
-@dataclass(frozen=True)
-class ShippedDoubtingAgent:
-    """A doubting agent of this project."""
-
-    name: str
-    drives: str
-    """Name of the trained agent behind it."""
-    description: str
-    kind: AgentKind = AgentKind.REFERENCE
-    trained_on_faults: bool = True
-
-    @property
-    def track(self) -> Track:
-        """Track of the driving agent."""
-        return SHIPPED_AGENTS[self.drives].track
-
-    @property
-    def file(self) -> Path:
-        """Path of the file that doubts."""
-        return WEIGHTS / f"{self.name}.gate.onnx"
-
-    @property
-    def files(self) -> tuple[Path, ...]:
-        """Paths of the file that doubts and of the one that drives: another agent drives if one of them changes."""
-        return self.file, SHIPPED_AGENTS[self.drives].file
-
-    @property
-    def card(self) -> Path:
-        """Path of the model card in Markdown."""
-        return WEIGHTS / f"{self.name}.md"
-
-    def make(self) -> DoubtingAgent:
-        """Load the agent.
-
-        Raises:
-            ModelFileError: the weights are missing or broken, its own or those of the driving agent.
-            OnnxRuntimeMissingError: onnxruntime is not installed.
-        """
-        # Copies share the loaded files, so many cars cost no more memory than one.
-        return copy(load_shipped(self.name, self.file, lambda file: _loaded(file, self.drives)))
-
-
-@lru_cache(maxsize=8)
-def _loaded(file: Path, drives: str) -> DoubtingAgent:
-    return DoubtingAgent(open_session(file), SHIPPED_AGENTS[drives].make())
-
-
-DOUBTING_AGENTS: Final = MappingProxyType(
-    {
-        agent.name: agent
-        for agent in (
-            ShippedDoubtingAgent(
-                "doubting",
-                "ppo-image",
-                "Drives as ppo-image, behind a gate that questions the command: by the picture it tells which exits "
-                "the next junction has. Made for wrong commands.",
-            ),
-            ShippedDoubtingAgent(
-                "doubting-segmentation",
-                "ppo-segmentation",
-                "Drives as ppo-segmentation, behind a gate that questions the command: by the segmentation it tells "
-                "which exits the next junction has. Made for wrong commands.",
-            ),
-        )
-    }
-)
-"""Doubting agents by name."""

@@ -15,7 +15,7 @@ from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import ZIP, AgentSource, resolve, with_absolute_file
 from wrongturn_agents.saved_run import RunDatabase, SavedRun
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
-from wrongturn_agents.worker import GuardedAgent, RunRequest, begin, drive, episodes_side_by_side, service_at
+from wrongturn_agents.worker import GuardedAgent, begin, drive, episodes_side_by_side, service_at
 from wrongturn_client import Client, WrongturnError, settings
 from wrongturn_client.invocation import program
 from wrongturn_client.run_files import run_lines
@@ -29,15 +29,15 @@ from wrongturn_protocol.json_output import STDOUT, check_json_file
 class RunOptions:
     """What the user asks for, as the options of the same names."""
 
-    agent: str | None
-    suite: str | None
-    url: str | None
-    name: str | None
-    json_file: Path | None
-    resume: str | None
-    parallel: int | None
-    progress: ProgressStyle
-    keep: bool
+    agent: str | None = None
+    suite: str | None = None
+    url: str | None = None
+    name: str | None = None
+    json_file: Path | None = None
+    resume: str | None = None
+    parallel: int | None = None
+    progress: ProgressStyle = ProgressStyle.AUTO
+    keep: bool = False
 
 
 @dataclass(frozen=True)
@@ -74,16 +74,28 @@ def evaluate(options: RunOptions) -> Done:
     if saved_run is not None:
         _say_what_changed(saved_run, source)
     with ExitStack() as stack:
-        database = _database(url, saved_run)
-        if database is not None:
-            stack.enter_context(database)
+        kept = None if saved_run is None else saved_run.database
+        database = None if url is not None else stack.enter_context(RunDatabase(kept))
         started = service_at(url, settings.secret(OPERATOR_TOKEN), None if database is None else database.url)
         at, operator_token = stack.enter_context(started)
         if saved_run is None:
-            request = _request(agent, suite, url, options, database)
-            saved_run = begin(request, source, at, operator_token)
+            # The user's tokens are for a service that stays, not for the run's own.
+            token, owner_token = (None, None) if url is None else _tokens(options)
+            saved_run = begin(
+                agent,
+                suite,
+                source,
+                at,
+                operator_token=operator_token,
+                name=options.name,
+                token=token,
+                owner_token=owner_token,
+            )
             if database is not None:
                 database.needed = True
+                own = {"url": None, "database": database.folder, "keep": options.keep}
+                saved_run = saved_run.model_copy(update=own)
+                saved_run.save()
         elif options.keep and not saved_run.keep:
             saved_run = saved_run.model_copy(update={"keep": True})
             saved_run.save()
@@ -129,36 +141,20 @@ def _resumed(resume: str, options: RunOptions) -> SavedRun:
 def _chosen(options: RunOptions, saved_run: SavedRun | None) -> tuple[str, str, str | None]:
     """Return the agent, the suite and the service's URL."""
     if saved_run is not None:
-        if saved_run.database is not None:  # only a service of the run's own has its evaluation
-            return saved_run.agent, saved_run.suite, None
-        return saved_run.agent, saved_run.suite, options.url or saved_run.url
+        # Only a service of the run's own has its evaluation.
+        url = None if saved_run.url is None else options.url or saved_run.url
+        return saved_run.agent, saved_run.suite, url
     if options.agent is None:
         raise RunError("AGENT: name one, or a run to resume with --resume; 'wrongturn agents' lists the shipped ones")
     return options.agent, options.suite or WRONG_COMMAND, options.url
 
 
-def _database(url: str | None, saved_run: SavedRun | None) -> RunDatabase | None:
-    """Return the database of the run's own service. None: another service has one, or an older run used the default."""
-    if url is not None or (saved_run is not None and saved_run.database is None):
-        return None
-    return RunDatabase(None if saved_run is None else saved_run.database)
-
-
-def _request(agent: str, suite: str, url: str | None, options: RunOptions, database: RunDatabase | None) -> RunRequest:
-    """Return what to register and begin, with the user's tokens for a service that is not the run's own."""
-    token = settings.token() if url is not None else None
+def _tokens(options: RunOptions) -> tuple[str | None, str | None]:
+    """Return the user's tokens: of an agent, or else of the owner of a new agent."""
+    token = settings.token()
     if token is not None and options.name is not None:
         raise RunError("--name: the agent of WRONGTURN_TOKEN has a name already; leave out one of the two")
-    return RunRequest(
-        agent=agent,
-        suite=suite,
-        url=url,
-        name=options.name,
-        token=token,
-        owner_token=settings.secret(OWNER_TOKEN) if url is not None and token is None else None,
-        database=None if database is None else database.folder,
-        keep=options.keep,
-    )
+    return token, settings.secret(OWNER_TOKEN) if token is None else None
 
 
 def _say_what_changed(saved_run: SavedRun, source: AgentSource) -> None:

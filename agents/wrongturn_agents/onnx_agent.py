@@ -5,14 +5,15 @@ checks it, and ``docs/models.md`` shows it as a table. onnxruntime comes with an
 ``python -m pip install 'wrongturn-agents[onnx]'``.
 """
 
+import os
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Final
 
 from gymnasium import spaces
 from numpy.typing import NDArray
 
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError, why_no_file
-from wrongturn_agents.onnx_runtime import load_onnxruntime
 from wrongturn_client.invocation import python
 from wrongturn_protocol import Action, AgentKind, ContractError, ModelContract, ModelSignature, TensorSpec, contract_of
 from wrongturn_protocol.model_contract import check_opset
@@ -70,6 +71,19 @@ class OnnxAgent:
         return action
 
 
+def load_onnxruntime() -> ModuleType:
+    """Import onnxruntime with its telemetry off, unless ``ORT_DISABLE_TELEMETRY`` says otherwise.
+
+    From 1.29 on, it starts a thread that keeps a database in the home folder and looks for its maker's servers. So
+    nothing else imports it. Raises ImportError if onnxruntime is not installed.
+    """
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # read when it is imported
+    import onnxruntime  # noqa: PLC0415 - comes with an extra, and is slow to import
+
+    module: ModuleType = onnxruntime
+    return module
+
+
 def open_session(file: Path) -> Any:
     """Return an ``onnxruntime.InferenceSession`` on one thread.
 
@@ -98,8 +112,7 @@ def open_session(file: Path) -> Any:
 def _blame_file(file: Path) -> None:
     """Raise ModelFileError if a file is damaged or of another opset, which onnxruntime says less well."""
     try:
-        opset = signature_of(file).opset
-        if opset:
+        if opset := signature_of(file).opset:
             check_opset(opset)
     except OSError as error:
         raise ModelFileError(f"{file}: cannot be read ({error.strerror or error}); name another .onnx file") from error
@@ -108,11 +121,7 @@ def _blame_file(file: Path) -> None:
 
 
 def _contract(file: Path, session: Any, metadata: dict[str, str]) -> ModelContract:
-    """Return how to drive with the model of a session.
-
-    Raises:
-        ModelFileError: It breaks the contract.
-    """
+    """Return how to drive with the model of a session. Raises ModelFileError if it breaks the contract."""
     signature = ModelSignature(
         inputs=tuple(_spec(put) for put in session.get_inputs()),
         outputs=tuple(_spec(put) for put in session.get_outputs()),
@@ -127,6 +136,5 @@ def _contract(file: Path, session: Any, metadata: dict[str, str]) -> ModelContra
 
 def _spec(put: Any) -> TensorSpec:
     """Return an input or output as the contract describes it: with numpy's name of the type."""
-    known = _DTYPES.get(put.type)
     inside: str = put.type.removeprefix("tensor(").removesuffix(")") if put.type.startswith("tensor(") else put.type
-    return TensorSpec(put.name, known or inside, tuple(put.shape))
+    return TensorSpec(put.name, _DTYPES.get(put.type, inside), tuple(put.shape))

@@ -31,14 +31,8 @@ _DONE: Final = {Verdict.EXIT_COMMANDED, Verdict.ARRIVED}
 class PracticeRun:
     """Drives those of a suite's trials that a results file lacks, twins included, and writes the file after each.
 
-    Of a suite that draws its trials, these are the open draw's.
-
-    Args:
-        source: The agent.
-        suite: The suite of the trials.
-        task: Task of the suite, whose trials alone are driven; None for all. Example: ``navigation_dynamic``
-        file: Results file, as ``wrongturn results`` reads it. A run drives only the trials that it lacks.
-            None writes no file.
+    Of a suite that draws its trials, these are the open draw's. With a task, such as ``navigation_dynamic``, only its
+    trials are driven. The file is one that ``wrongturn results`` reads; None writes none.
 
     Raises:
         RunError: The suite has no such task, or the file belongs to another run or cannot be written.

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
-from functools import partial
 from typing import IO
 
 from rich.console import Console
@@ -52,49 +51,41 @@ def add_bar(bars: Bars, name: str) -> Progress:
     return move
 
 
-class LinesProgress:
-    """Writes a line at the first call and the last, and every ten seconds between them.
+def lines_progress(name: str, stream: IO[str], clock: Callable[[], float] = time.monotonic) -> Progress:
+    """Return a function that writes a line at its first call and the last, and every ten seconds between them."""
+    began: tuple[float, int] | None = None
+    next_line = 0.0
 
-    Args:
-        name: The agent's name.
-        stream: Stream that gets the lines.
-        clock: Returns the time in seconds.
-    """
-
-    def __init__(self, name: str, stream: IO[str], clock: Callable[[], float] = time.monotonic) -> None:
-        self._name, self._stream, self._clock = name, stream, clock
-        self._began: tuple[float, int] | None = None
-        self._next_line = 0.0
-
-    def __call__(self, finished: int, total: int) -> None:
-        """Write a line if it is time for one."""
-        now = self._clock()
-        if self._began is None:
-            self._began = (now, finished)
-        elif now < self._next_line and finished < total:
+    def write(finished: int, total: int) -> None:
+        nonlocal began, next_line
+        now = clock()
+        began = began or (now, finished)
+        if now < next_line and finished < total:
             return
-        self._next_line = now + 10.0
-        took, since = now - self._began[0], finished - self._began[1]
+        next_line = now + 10.0
+        took, since = now - began[0], finished - began[1]
         rate = f", {_rate(60 * since / took)} a minute" if took > 1.0 else ""
-        print(f"{self._name}: {finished} of {total} episodes{rate}", file=self._stream, flush=True)
+        print(f"{name}: {finished} of {total} episodes{rate}", file=stream, flush=True)
 
-
-def print_json(name: str, stream: IO[str], finished: int, total: int) -> None:
-    """Write ``{"agent": …, "finished": …, "total": …}`` as a line."""
-    print(json.dumps({"agent": name, "finished": finished, "total": total}), file=stream, flush=True)
+    return write
 
 
 @contextmanager
 def show_progress(style: ProgressStyle, name: str) -> Iterator[Progress]:
-    """Show an agent's progress on stderr while the ``with`` block runs."""
+    """Show an agent's progress on stderr while the ``with`` block runs.
+
+    A line of JSON is ``{"agent": …, "finished": …, "total": …}``.
+    """
     console = Console(stderr=True)
     if style is ProgressStyle.JSON:
-        yield partial(print_json, name, sys.stderr)
+        yield lambda finished, total: print(
+            json.dumps({"agent": name, "finished": finished, "total": total}), file=sys.stderr, flush=True
+        )
     elif style is ProgressStyle.BAR or (style is ProgressStyle.AUTO and console.is_terminal):
         with progress_bars(console) as bars:
             yield add_bar(bars, name)
     else:
-        yield LinesProgress(name, sys.stderr)
+        yield lines_progress(name, sys.stderr)
 
 
 def _rate(rate: float) -> str:

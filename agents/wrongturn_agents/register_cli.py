@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,7 @@ import typer
 
 from wrongturn_agents.errors import RunError
 from wrongturn_agents.registry import AgentSource, list_agents, resolve
+from wrongturn_agents.saved_run import ensure_folder
 from wrongturn_client import AgentNameTakenError, Client, settings
 from wrongturn_client.administration import Administration
 from wrongturn_client.settings import OPERATOR_TOKEN
@@ -54,7 +56,12 @@ def register(
             if file.exists() and not renew:
                 typer.echo(f"{name} is registered already; its token is in {file}")
                 continue
-            _ensure_folder(file.parent)  # before a name is taken whose token would be lost
+            try:  # before a name is taken whose token would be lost
+                ensure_folder(file.parent)
+            except OSError as error:
+                raise RunError(
+                    f"--tokens: {file.parent} cannot be written ({error.strerror}); name another folder"
+                ) from error
             _write(file, _token(client, operator_token, resolve(name), renew=renew))
             typer.echo(f"{name} is registered; its token is in {file}")
 
@@ -90,21 +97,9 @@ def _token(client: Client, operator_token: str, source: AgentSource, *, renew: b
 
 def _holder(url: str, operator_token: str, name: str) -> AdminItem | None:
     """Return the agent that has a name, whether or not the public lists show it."""
-    administration = Administration(url, operator_token)
-    try:
+    with closing(Administration(url, operator_token)) as administration:
         found = administration.items(Collection.AGENTS, 100, name=name)
         return next((agent for agent in found if agent.name.lower() == name.lower()), None)
-    finally:
-        administration.close()
-
-
-def _ensure_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise RunError(f"--tokens: {folder} cannot be written ({error.strerror}); name another folder") from error
 
 
 def _write(file: Path, token: str) -> None:

@@ -7,7 +7,7 @@ A name is one of four things: a registered name (``careful``), your own class (`
 import importlib
 import inspect
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
@@ -20,7 +20,6 @@ from pydantic import BaseModel, ConfigDict
 from wrongturn_agents.agent import Agent, kind_of_agent, track_of_agent, try_out
 from wrongturn_agents.agent_code import files_of_class
 from wrongturn_agents.baselines import AlwaysStops, Careful, IgnoresCommands, ObeysBlindly, Parked
-from wrongturn_agents.doubting_agent import DOUBTING_AGENTS, ShippedDoubtingAgent
 from wrongturn_agents.errors import (
     AgentFailedError,
     AgentImportError,
@@ -31,10 +30,10 @@ from wrongturn_agents.errors import (
     UnknownAgentError,
     why_no_file,
 )
-from wrongturn_agents.exploits.rule_drivers import Clone, Creeper, Odometer, PauseThenObey, Twitcher
+from wrongturn_agents.exploits.rule_drivers import Clone, Creeper, Odometer, PauseThenObey, TwinTape, Twitcher
 from wrongturn_agents.exploits.stunts import Blocker, HeadOn, OncomingLane, OncomingLaneBack, UTurner
-from wrongturn_agents.exploits.tapes import TwinTape
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS, ShippedAgent, trained_with
+from wrongturn_agents.onnx_agent import OnnxAgent
+from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS, trained_with
 from wrongturn_client.invocation import program, python
 from wrongturn_protocol import AgentKind, Track
 from wrongturn_protocol.suggestions import did_you_mean
@@ -48,7 +47,8 @@ _EXPLOITS: Final[tuple[Any, ...]] = (
     *(Odometer, Clone, TwinTape, UTurner, HeadOn),
 )
 EXPLOITS: Final = MappingProxyType({agent.name: agent for agent in _EXPLOITS})
-"""Classes of the exploits that only drive, by name. The others need a service: see ``wrongturn_agents.exploits``."""
+"""Classes of the exploits that only drive, by name."""
+_TRAINED: Final = MappingProxyType({**SHIPPED_AGENTS, **DOUBTING_AGENTS})
 
 ZIP: Final = ".zip"
 """End of the names of files that Stable-Baselines3 saved."""
@@ -87,17 +87,15 @@ class AgentSource:
 
 def list_agents() -> list[AgentListing]:
     """Return the baselines, the trained agents and the exploits. The description says which must be trained first."""
-    groups: tuple[Mapping[str, Any], ...] = (AGENTS, SHIPPED_AGENTS, DOUBTING_AGENTS, EXPLOITS)
     return [
         AgentListing(name=agent.name, track=agent.track, kind=agent.kind, description=_description(agent))
-        for group in groups
-        for agent in group.values()
+        for agent in (*AGENTS.values(), *_TRAINED.values(), *EXPLOITS.values())
     ]
 
 
 def _description(agent: Any) -> str:
     described: str = agent.description
-    if not isinstance(agent, ShippedAgent | ShippedDoubtingAgent) or agent.file.is_file():
+    if agent.name not in _TRAINED or agent.file.is_file():
         return described
     algorithm, _ = trained_with(agent.name)
     return f"{described} No weights are shipped yet: train it ('{program()} train {algorithm}')."
@@ -118,20 +116,10 @@ def resolve(named: str) -> AgentSource:
         OnnxRuntimeMissingError: The extra ``onnx`` is not installed. A trained agent raises it only when it is made.
         MissingPackageError: A ``.zip`` file needs the extra ``training``, which is not installed.
     """
-    if (shipped := AGENTS.get(named) or EXPLOITS.get(named)) is not None:
-        return _source(named, shipped)
-    agent = SHIPPED_AGENTS.get(named) or DOUBTING_AGENTS.get(named)
-    if agent is not None:
-        files = agent.files if isinstance(agent, ShippedDoubtingAgent) else (agent.file,)
-        return AgentSource(
-            name=agent.name,
-            track=agent.track,
-            kind=agent.kind,
-            description=agent.description,
-            make=agent.make,
-            trained_on_faults=agent.trained_on_faults,
-            code=tuple(file for file in files if file.is_file()),
-        )
+    if (agent_class := AGENTS.get(named) or EXPLOITS.get(named)) is not None:
+        return _source(named, agent_class)
+    if (shipped := _TRAINED.get(named)) is not None:
+        return _made(shipped, shipped.make, [file for file in shipped.files if file.is_file()])
     if named.endswith(".onnx"):
         return _model(Path(named))
     if named.endswith(ZIP):
@@ -140,7 +128,7 @@ def resolve(named: str) -> AgentSource:
         return _source(named, _import(named))
     if named.endswith(_PY):
         raise UnknownAgentError(f"agent: {named} is a file; write {_module_of(named)}:Class")
-    known = (*AGENTS, *SHIPPED_AGENTS, *DOUBTING_AGENTS, *EXPLOITS)
+    known = (*AGENTS, *_TRAINED, *EXPLOITS)
     raise UnknownAgentError(
         f"agent: there is no agent called {named[:_SHOWN]!r}; known are {', '.join(known)}; or name "
         f"package.module:Class, a .onnx file, or a .zip file of Stable-Baselines3{did_you_mean(named, known)}"
@@ -192,8 +180,7 @@ def _source(named: str, agent: Any) -> AgentSource:
         raise NotAnAgentError(f"agent: {named} has no method {' and no '.join(missing)}; see wrongturn_agents.agent")
     track = track_of_agent(agent)
     if track is None:
-        said = repr(getattr(agent, "track", None))
-        tracks = ", ".join(Track)
+        said, tracks = repr(getattr(agent, "track", None)), ", ".join(Track)
         raise NotAnAgentError(f"agent: {named}.track is {said}; set the class attribute to one of {tracks}")
     description = getattr(agent, "description", None) or (inspect.getdoc(agent) or "").partition("\n")[0]
     return AgentSource(
@@ -221,11 +208,9 @@ def _make(named: str, agent: Callable[[], Any]) -> Agent:
 
 def _model(file: Path) -> AgentSource:
     _check_file(file, "an .onnx file")
-    from wrongturn_agents.onnx_agent import OnnxAgent  # noqa: PLC0415 - loads an optional extra
-
     agent = OnnxAgent(file)
     try_out(agent, agent.track)
-    return _of_file(file, agent)
+    return _made(agent, partial(copy, agent), [file])
 
 
 def _saved_model(file: Path) -> AgentSource:
@@ -237,7 +222,8 @@ def _saved_model(file: Path) -> AgentSource:
             f"agent: {file}: a model of Stable-Baselines3 needs {error.name}; install it with: "
             f"{python()} -m pip install 'wrongturn-agents[training]'"
         ) from error
-    return _of_file(file, Sb3Agent(file))
+    agent = Sb3Agent(file)
+    return _made(agent, partial(copy, agent), [file])
 
 
 def _check_file(file: Path, wanted: str) -> None:
@@ -245,14 +231,8 @@ def _check_file(file: Path, wanted: str) -> None:
         raise ModelFileError(f"agent: {file}: {why_no_file(file)}; name {wanted}")
 
 
-def _of_file(file: Path, agent: Any) -> AgentSource:
-    """Return the source of a loaded model. Each agent that it makes has a memory of its own and the same weights."""
+def _made(agent: Any, make: Callable[[], Agent], files: Iterable[Path]) -> AgentSource:
+    """Return the source of what describes itself as an agent does: a loaded model, or a shipped agent."""
     return AgentSource(
-        name=agent.name,
-        track=agent.track,
-        kind=agent.kind,
-        description=agent.description,
-        make=partial(copy, agent),
-        trained_on_faults=agent.trained_on_faults,
-        code=(file,),
+        agent.name, agent.track, agent.kind, agent.description, make, agent.trained_on_faults, tuple(files)
     )

@@ -98,12 +98,9 @@ class ResultsFile(BaseModel):
     def read(cls, path: Path, remedy: str = _REMEDY) -> Self:
         """Read a results file.
 
-        Args:
-            path: The file.
-            remedy: What the error tells the user to do.
-
         Raises:
-            ResultsError: The file cannot be read, or is not a results file. The error names the first wrong field.
+            ResultsError: The file cannot be read, or is not a results file. The error names the first wrong field and
+                the remedy.
         """
         try:
             return cls.model_validate_json(read_unpacked(path))
@@ -146,10 +143,7 @@ class ResultsFile(BaseModel):
         """Check that the results are of the installed suite, and of all trials of its draw.
 
         Results in process may lack the trials with other road users, which need SUMO. Results over the service may
-        hold those trials only.
-
-        Args:
-            name: The file's name, for the error.
+        hold those trials only. Errors name the file.
 
         Raises:
             ResultsError: The suite is another version, the secret is missing or does not fit the commitment, or trials

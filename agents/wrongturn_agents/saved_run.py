@@ -1,11 +1,11 @@
 """What an interrupted run is resumed from: its file, and the database of its own service."""
 
-import fcntl
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, Self
 
@@ -17,6 +17,7 @@ from wrongturn_client.closing import Closing
 
 _FILE: Final = "wrongturn.db"
 _PREFIX: Final = "database-"
+_A_DAY: Final = 24 * 3600.0
 
 
 class SavedRun(BaseModel):
@@ -34,7 +35,7 @@ class SavedRun(BaseModel):
     url: str | None
     """URL of the service; None for one that the worker starts."""
     database: Path | None = None
-    """Folder with the database of a service that the worker starts. None for the default database, as older runs."""
+    """Folder with the database of a service that the worker starts."""
     keep: bool = False
     """Whether that database is kept after the run."""
     code: dict[str, str] = Field(default_factory=dict)
@@ -60,12 +61,8 @@ class SavedRun(BaseModel):
             self.path.unlink(missing_ok=True)
 
     @classmethod
-    def load(cls, named: str, option: str = "--resume") -> Self:
-        """Read a run by its file or by the id of its evaluation.
-
-        Args:
-            named: The file or the id.
-            option: The option of the command line that errors name.
+    def load(cls, named: str) -> Self:
+        """Read a run by its file or by the id of its evaluation, for ``--resume``.
 
         Raises:
             RunFileError: There is no such file, or it is not a saved run.
@@ -78,20 +75,25 @@ class SavedRun(BaseModel):
         except OSError as error:
             known = ", ".join(sorted(file.stem for file in directory().glob("*.json"))) or "none"
             raise RunFileError(
-                f"{option}: no run {named!r} ({path}: {error.strerror}); runs known here: {known}"
+                f"--resume: no run {named!r} ({path}: {error.strerror}); runs known here: {known}"
             ) from error
         except (ValidationError, UnicodeDecodeError) as error:
             raise RunFileError(
-                f"{option}: {path} is not a saved run; name a file that 'wrongturn run' wrote"
+                f"--resume: {path} is not a saved run; name a file that 'wrongturn run' wrote"
             ) from error
 
 
 def ensure_directory() -> None:
     """Create the directory of saved runs, and check that files can be created in it. Raises RunFileError."""
     with _writing(directory()):
-        directory().mkdir(mode=0o700, parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=directory()):
-            pass
+        ensure_folder(directory())
+
+
+def ensure_folder(folder: Path) -> None:
+    """Create a folder that only its owner may read, and check that files can be created in it. Raises OSError."""
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=folder):
+        pass
 
 
 def directory() -> Path:
@@ -113,8 +115,8 @@ def _writing(path: Path) -> Iterator[None]:
 class RunDatabase(Closing):
     """A folder with a database, which is removed at the end of the ``with`` block unless it is still needed.
 
-    It is beside the saved runs, so that an interrupted run can be resumed. Its run keeps it locked. A new
-    one removes those that killed runs have left.
+    It is beside the saved runs, so that an interrupted run can be resumed. A new one removes those that killed runs
+    have left: no saved run names them, and nobody has written into them for a day.
 
     Args:
         folder: Folder of a run that is resumed; None for a new one.
@@ -124,18 +126,13 @@ class RunDatabase(Closing):
     """
 
     def __init__(self, folder: Path | None = None) -> None:
+        self.needed = folder is not None
         if folder is None:
             ensure_directory()
-            with _alone():
-                _remove_unneeded()
-                folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=directory())).resolve()
-                self._lock = _locked(folder)
-            self.needed = False
+            _remove_unneeded()
+            folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=directory())).resolve()
         elif not (folder / _FILE).is_file():
             raise RunFileError(f"the database of that run is gone ({folder}); drive the suite again")
-        else:
-            self._lock = _locked(folder)
-            self.needed = True
         self.folder = folder
         """Its absolute path."""
 
@@ -148,43 +145,11 @@ class RunDatabase(Closing):
         """Remove the folder unless it is needed."""
         if not self.needed:
             shutil.rmtree(self.folder, ignore_errors=True)
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
 
 
 def _remove_unneeded() -> None:
-    """Remove the databases that no saved run names and no run that goes on has locked."""
-    named = [file.read_text(encoding="utf-8", errors="replace") for file in directory().glob("*.json")]
+    named = "".join(file.read_text(encoding="utf-8", errors="replace") for file in directory().glob("*.json"))
     for folder in directory().glob(f"{_PREFIX}*"):
-        if any(folder.name in text for text in named):
-            continue
-        lock = _locked(folder)
-        if lock is not None:
+        written = max(one.stat().st_mtime for one in (folder, *folder.iterdir()))
+        if folder.name not in named and time.time() - written > _A_DAY:
             shutil.rmtree(folder, ignore_errors=True)
-            os.close(lock)
-
-
-def _locked(folder: Path) -> int | None:
-    """Lock a folder and return the descriptor that holds the lock; None if another run has it."""
-    with suppress(OSError):  # some file systems have no locks: nothing is removed there
-        opened = os.open(folder, os.O_RDONLY)
-        try:
-            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(opened)
-            raise
-        return opened
-    return None
-
-
-@contextmanager
-def _alone() -> Iterator[None]:
-    """Let no other run make or remove a database during the ``with`` block."""
-    opened = os.open(directory(), os.O_RDONLY)
-    try:
-        with suppress(OSError):
-            fcntl.flock(opened, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(opened)

@@ -3,25 +3,22 @@
 They need onnxruntime, which comes with an extra: ``python -m pip install 'wrongturn-agents[onnx]'``.
 """
 
-from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import Final
 
+from wrongturn_agents.agent import Agent
+from wrongturn_agents.doubting_agent import DoubtingAgent
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
+from wrongturn_agents.onnx_agent import OnnxAgent, open_session
 from wrongturn_client.invocation import program, python
 from wrongturn_protocol import AgentKind, Track
 
-if TYPE_CHECKING:
-    from wrongturn_agents.onnx_agent import OnnxAgent
-
-T = TypeVar("T")
-
 WEIGHTS: Final = Path(__file__).parent / "weights"
 """Directory of the files and their cards."""
-
-
 _TRAINED_WITH: Final = MappingProxyType({"lbc-privileged": ("lbc", "privileged.pt")})
 
 
@@ -35,94 +32,118 @@ def trained_with(name: str) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class ShippedAgent:
-    """An agent of the paper's kinds, or the teacher of one, trained by this project."""
+    """An agent of the paper's kinds, the teacher of one, or one that doubts its command, trained by this project."""
 
     name: str
     track: Track
     description: str
+    drives: str = ""
+    """Name of the trained agent that drives behind this one's gate; empty for an agent that drives by itself."""
     kind: AgentKind = AgentKind.REFERENCE
     """Kind on the leaderboard: a published method."""
-    trained_on_faults: bool = False
-    """Whether it met wrong commands in its training."""
+
+    @property
+    def trained_on_faults(self) -> bool:
+        """Whether it met wrong commands in its training."""
+        return bool(self.drives)
 
     @property
     def file(self) -> Path:
-        """Path of the weights."""
-        return WEIGHTS / f"{self.name}.onnx"
+        """Path of the weights; of an agent that doubts, of its gate."""
+        return WEIGHTS / f"{self.name}{'.gate' if self.drives else ''}.onnx"
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Paths of all files that drive: another agent drives if one of them changes."""
+        return (self.file, SHIPPED_AGENTS[self.drives].file) if self.drives else (self.file,)
 
     @property
     def card(self) -> Path:
         """Path of the model card in Markdown: the weights, their training and their results."""
         return WEIGHTS / f"{self.name}.md"
 
-    def make(self) -> "OnnxAgent":
+    def make(self) -> Agent:
         """Load the agent.
 
         Raises:
             ModelFileError: The weights are missing or broken.
             OnnxRuntimeMissingError: onnxruntime is not installed.
         """
-        from wrongturn_agents.onnx_agent import OnnxAgent  # noqa: PLC0415 - loads an optional extra
+        if not self.file.is_file():
+            algorithm, checkpoint = trained_with(self.name)
+            raise ModelFileError(
+                f"agent: {self.name} can be trained, but this version ships no weights of it; train it "
+                f"('{program()} train {algorithm} --seed 1'), export it ('{program()} export "
+                f"runs/{algorithm}-1/{checkpoint} {self.name}.onnx') and run the file "
+                f"('{program()} run {self.name}.onnx')"
+            )
+        try:
+            # Copies share the loaded files, so many cars cost no more memory than one.
+            return copy(_loaded(self.file, self.drives)) if self.drives else OnnxAgent(self.file)
+        except OnnxRuntimeMissingError:
+            raise OnnxRuntimeMissingError(
+                f"agent: {self.name} needs onnxruntime; install it with: "
+                f"{python()} -m pip install 'wrongturn-agents[onnx]'"
+            ) from None
+        except ModelFileError as error:
+            raise ModelFileError(
+                f"agent: the weights of {self.name} are broken; install wrongturn-agents again ({error})"
+            ) from error
 
-        return load_shipped(self.name, self.file, OnnxAgent)
 
-
-def load_shipped(name: str, file: Path, load: Callable[[Path], T]) -> T:
-    """Load an agent's file. Raises ModelFileError or OnnxRuntimeMissingError, which say what to do."""
-    if not file.is_file():
-        algorithm, checkpoint = trained_with(name)
-        raise ModelFileError(
-            f"agent: {name} can be trained, but this version ships no weights of it; train it "
-            f"('{program()} train {algorithm} --seed 1'), export it ('{program()} export "
-            f"runs/{algorithm}-1/{checkpoint} {name}.onnx') and run the file ('{program()} run {name}.onnx')"
-        )
-    try:
-        return load(file)
-    except OnnxRuntimeMissingError:
-        raise OnnxRuntimeMissingError(
-            f"agent: {name} needs onnxruntime; install it with: {python()} -m pip install 'wrongturn-agents[onnx]'"
-        ) from None
-    except ModelFileError as error:
-        raise ModelFileError(
-            f"agent: the weights of {name} are broken; install wrongturn-agents again ({error})"
-        ) from error
+@lru_cache(maxsize=8)
+def _loaded(file: Path, drives: str) -> DoubtingAgent:
+    return DoubtingAgent(open_session(file), OnnxAgent(SHIPPED_AGENTS[drives].file))
 
 
 SHIPPED_AGENTS: Final = MappingProxyType(
     {
-        agent.name: agent
-        for agent in (
-            ShippedAgent(
+        name: ShippedAgent(name, track, f"Learned by {learned}.")
+        for name, track, learned in (
+            (
                 "ppo-segmentation",
                 Track.SEGMENTATION,
-                "Learned by PPO to drive by the true segmentation, with a head for each command.",
+                "PPO to drive by the true segmentation, with a head for each command",
             ),
-            ShippedAgent(
+            (
                 "ppo-image",
                 Track.CAMERA,
-                "Learned by PPO to drive by pictures, with a ResNet-34 that had learned segmentation beforehand.",
+                "PPO to drive by pictures, with a ResNet-34 that had learned segmentation beforehand",
             ),
-            ShippedAgent(
-                "ppo-auxiliary",
-                Track.CAMERA,
-                "Learned by PPO to drive by pictures and, at the same time, to segment them.",
-            ),
-            ShippedAgent(
+            ("ppo-auxiliary", Track.CAMERA, "PPO to drive by pictures and, at the same time, to segment them"),
+            (
                 "lbc",
                 Track.CAMERA,
-                "Learned by imitation to drive by pictures, from an agent that saw the truth (Learning by Cheating).",
+                "imitation to drive by pictures, from an agent that saw the truth (Learning by Cheating)",
             ),
-            ShippedAgent(
+            (
                 "lbc-privileged",
                 Track.PRIVILEGED,
-                "Learned by imitation of rules to drive by a bird's-eye view of the truth; it taught lbc.",
+                "imitation of rules to drive by a bird's-eye view of the truth; it taught lbc",
             ),
-            ShippedAgent(
+            (
                 "marln",
                 Track.CAMERA,
-                "Learned by Rainbow-IQN to drive by four pictures, with a ResNet-18 pretrained on affordances.",
+                "Rainbow-IQN to drive by four pictures, with a ResNet-18 pretrained on affordances",
             ),
         )
     }
 )
 """Trained agents by name."""
+
+DOUBTING_AGENTS: Final = MappingProxyType(
+    {
+        name: ShippedAgent(
+            name,
+            SHIPPED_AGENTS[drives].track,
+            f"Drives as {drives}, behind a gate that questions the command: by the {sees} it tells which exits the "
+            "next junction has. Made for wrong commands.",
+            drives,
+        )
+        for name, drives, sees in (
+            ("doubting", "ppo-image", "picture"),
+            ("doubting-segmentation", "ppo-segmentation", "segmentation"),
+        )
+    }
+)
+"""Trained agents that question their command, by name."""

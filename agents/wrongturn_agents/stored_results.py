@@ -51,16 +51,11 @@ class Collection:
         """Return an agent's results on a suite by training seed, each as one file.
 
         Results of one seed that were driven both ways make one file if they are of the same trials. Two draws of a
-        suite are other trials: the one of the preferred way counts.
-
-        Args:
-            suite: Id of the suite.
-            agent: Name of the agent.
-            variant: Name of an ablation; None for the standard algorithm.
-            prefer: The way of driving that counts where a trial was driven both ways.
+        suite are other trials: the one of the preferred way counts. The variant is an ablation's name.
         """
         merged: dict[int | None, ResultsFile] = {}
-        for file in self._sorted(suite, agent, variant, prefer):
+        files = [file for file in self.files if (file.suite, file.agent, file.variant) == (suite, agent, variant)]
+        for file in sorted(files, key=lambda file: (-1 if file.seed is None else file.seed, file.driven == prefer)):
             before = merged.get(file.seed)
             same_draw = before is not None and before.secret == file.secret
             merged[file.seed] = file.model_copy(
@@ -75,26 +70,10 @@ class Collection:
         """
         return self.by_seed(suite, agent, prefer="over the service").get(self.shipped.get(agent))
 
-    def driven_how(self, suite: str, agent: str) -> dict[str, Driven]:
-        """Return how each trial of :meth:`of_shipped` was driven, by trial id."""
-        files = self._sorted(suite, agent, None, "over the service")
-        return {trial: file.driven for file in files if file.seed == self.shipped.get(agent) for trial in file.trials}
-
     def agents(self, suite: str) -> tuple[str, ...]:
         """Return the agents with results on a suite (no ablations), the paper's algorithms first."""
         names = {file.agent for file in self.files if file.suite == suite and file.variant is None}
         return tuple(sorted(names, key=table_order))
-
-    @property
-    def variants(self) -> tuple[tuple[str, str], ...]:
-        """Agents and variants of the ablations."""
-        found = {(file.agent, file.variant) for file in self.files if file.variant is not None}
-        return tuple(sorted(found, key=lambda one: (*table_order(one[0]), one[1])))
-
-    def _sorted(self, suite: str, agent: str, variant: str | None, prefer: Driven) -> list[ResultsFile]:
-        """Return an agent's files by seed; of one seed, those driven in the preferred way come last."""
-        files = [file for file in self.files if (file.suite, file.agent, file.variant) == (suite, agent, variant)]
-        return sorted(files, key=lambda file: (-1 if file.seed is None else file.seed, file.driven == prefer))
 
 
 def _shipped_seeds(path: Path) -> dict[str, int]:

@@ -34,11 +34,7 @@ class SuiteTrials:
 
 @lru_cache(maxsize=128)
 def installed_suite(suite: str, secret: str | None = None) -> SuiteTrials:
-    """Return the trials of the installed suite with this id.
-
-    Args:
-        suite: Id of the suite.
-        secret: Secret of the draw; None for the open draw. A suite that lists its trials ignores it.
+    """Return the trials of the installed suite with this id, in the draw of a secret; None for the open draw.
 
     Raises:
         ResultsError: No suite has this id (the error lists those that exist), or wrongturn-networks is not installed.

@@ -4,8 +4,6 @@ import contextlib
 import os
 import secrets
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from gymnasium import spaces
@@ -37,27 +35,6 @@ from wrongturn_protocol.episodes import ActionError, action_error
 from wrongturn_protocol.observations import Observation
 
 
-@dataclass(frozen=True)
-class RunRequest:
-    """What to run, and where."""
-
-    agent: str
-    """A registered name, ``package.module:Class``, or an ``.onnx`` or ``.zip`` file."""
-    suite: str
-    url: str | None = None
-    """URL of the service; None for one that the worker starts."""
-    name: str | None = None
-    """Name on the leaderboard; None for the agent's own."""
-    token: str | None = None
-    """Token of an agent that is already registered; None to register it."""
-    owner_token: str | None = None
-    """Token of the owner whose agent it becomes; None to register it without one."""
-    database: Path | None = None
-    """Folder with the database of a service that the worker starts."""
-    keep: bool = False
-    """Whether that database is kept after the run."""
-
-
 @contextlib.contextmanager
 def service_at(
     url: str | None, operator_token: str | None, database: str | None = None
@@ -74,8 +51,28 @@ def service_at(
         yield service.url, own_token
 
 
-def begin(request: RunRequest, source: AgentSource, url: str, operator_token: str | None) -> SavedRun:
+def begin(
+    agent: str,
+    suite: str,
+    source: AgentSource,
+    url: str,
+    *,
+    operator_token: str | None = None,
+    name: str | None = None,
+    token: str | None = None,
+    owner_token: str | None = None,
+) -> SavedRun:
     """Register the agent, begin its evaluation and save what is needed to resume it.
+
+    Args:
+        agent: A registered name, ``package.module:Class``, or an ``.onnx`` or ``.zip`` file.
+        suite: Id of the suite.
+        source: What ``agent`` names.
+        url: URL of the service.
+        operator_token: With it, a baseline is registered as one.
+        name: Name on the leaderboard; None for the agent's own.
+        token: Token of an agent that is already registered; None to register it.
+        owner_token: Token of the owner whose agent it becomes; None to register it without one.
 
     Raises:
         RunError: The name is taken or not valid, the owner's token is missing or not valid, or the suite does
@@ -84,30 +81,28 @@ def begin(request: RunRequest, source: AgentSource, url: str, operator_token: st
         WrongturnError: The service refuses, or cannot be reached.
     """
     ensure_directory()  # fails before a name is taken by a run that could not be resumed
-    with Client(url, request.owner_token or operator_token) as client:
-        suite = client.suite(request.suite)
-        if source.track not in suite.tracks:
+    registered = None
+    with Client(url, owner_token or operator_token) as client:
+        found = client.suite(suite)
+        if source.track not in found.tracks:
             raise RunError(
-                f"suite: {suite.id} is driven in the tracks {', '.join(suite.tracks)}, "
+                f"suite: {found.id} is driven in the tracks {', '.join(found.tracks)}, "
                 f"and {source.name} wants {source.track}; choose another suite or agent"
             )
-        token, name = request.token, None
         if token is None:
-            registered = _register(client, request, source, operator_token)
-            token, name = registered.token, registered.name
-    with Client(url, token) as client:
-        evaluation = client.create_evaluation(request.suite)
-        if request.token is not None:
+            kind = source.kind if operator_token and not owner_token else AgentKind.SUBMITTED
+            registered = _register(client, name or source.name, source, kind, owned=owner_token is not None)
+    with Client(url, registered.token if registered else token) as client:
+        evaluation = client.create_evaluation(suite)
+        if registered is None:
             _check_registered_track(client, evaluation, source)
     saved_run = SavedRun(
-        agent=with_absolute_file(request.agent),
-        name=name,
-        suite=request.suite,
+        agent=with_absolute_file(agent),
+        name=registered and registered.name,
+        suite=suite,
         evaluation=evaluation.id,
-        token=token,
-        url=request.url,
-        database=request.database,
-        keep=request.keep,
+        token=registered.token if registered else str(token),
+        url=url,
         code=checksums(source.code),
     )
     saved_run.save()
@@ -173,10 +168,8 @@ def _why_over(client: Client, evaluation: str, error: ApiError) -> str | None:
     return f"evaluation {evaluation} is {state}: its owner, the operator or the service has ended it early"
 
 
-def _register(client: Client, request: RunRequest, source: AgentSource, operator_token: str | None) -> RegisteredAgent:
-    """Register the agent under the wanted name, or under its own."""
-    kind = source.kind if operator_token and not request.owner_token else AgentKind.SUBMITTED
-    name = request.name or source.name
+def _register(client: Client, name: str, source: AgentSource, kind: AgentKind, *, owned: bool) -> RegisteredAgent:
+    """Register the agent, with the owner's token if it is to be owned."""
     try:
         return client.register(
             name,
@@ -190,22 +183,19 @@ def _register(client: Client, request: RunRequest, source: AgentSource, operator
             raise
         raise RunError(_registration_error(error.__cause__, name)) from error
     except AuthenticationError as error:
-        raise _not_registered(error, client.url, request) from error
+        if owned:
+            raise RunError(f"{OWNER_TOKEN}: {client.url} does not take it: {error}") from error
+        if error.type == ProblemType.REGISTRATION_CLOSED:
+            raise RunError(
+                f"{OWNER_TOKEN}: {client.url} registers agents only for owners; ask its operator for a token"
+            ) from error
+        raise
     except (AgentNameTakenError, OwnerNameTakenError) as error:
         raise RunError(
             f"--name: {name!r} is taken at {client.url}; choose another name, or go on with an agent of yours by its "
             "token in WRONGTURN_TOKEN. A new model is a new agent: its first evaluation on a suite is the one that "
             "counts"
         ) from error
-
-
-def _not_registered(error: AuthenticationError, url: str, request: RunRequest) -> WrongturnError | RunError:
-    """Return the error for an agent that the service does not register for want of a valid token."""
-    if request.owner_token is not None:
-        return RunError(f"{OWNER_TOKEN}: {url} does not take it: {error}")
-    if error.type == ProblemType.REGISTRATION_CLOSED:
-        return RunError(f"{OWNER_TOKEN}: {url} registers agents only for owners; ask its operator for a token")
-    return error
 
 
 def _registration_error(error: ValidationError, name: str) -> str:

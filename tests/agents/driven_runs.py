@@ -6,7 +6,7 @@ from typing import Any
 
 from made_results import made_run
 
-from wrongturn_agents.figures.towns import installed_town
+from wrongturn_agents.figures.junction_maps import installed_town
 from wrongturn_networks import load_suite
 from wrongturn_protocol import DrivenEpisode, Outcome, RunFile, Trial, Verdict
 

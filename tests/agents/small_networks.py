@@ -14,13 +14,12 @@ def small_networks() -> Iterator[None]:
     """Build small networks within the block."""
     from wrongturn_agents.models import encoders
     from wrongturn_agents.models.linknet import LinkNetDecoder
-    from wrongturn_agents.models.nature_cnn import NatureCNN
-    from wrongturn_agents.models.resnet import ResNet34
+    from wrongturn_agents.models.resnet import ResNet
 
     deep = WIDTHS[-1] * 2 * 6
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(encoders, "NatureCNN", partial(NatureCNN, widths=(8, 16, 16)))
-        patch.setattr(encoders, "ResNet34", partial(ResNet34, widths=WIDTHS, depths=(1, 1, 1, 1)))
+        patch.setattr(encoders, "NatureCNN", partial(encoders.NatureCNN, widths=(8, 16, 16)))
+        patch.setattr(encoders, "ResNet", lambda channels, _: ResNet(channels, (1, 1, 1, 1), WIDTHS))
         patch.setattr(encoders, "LinkNetDecoder", partial(LinkNetDecoder, widths=WIDTHS))
         patch.setattr(encoders, "_DEEP", deep)
         patch.setattr(encoders.PictureEncoder, "width", deep)

@@ -126,12 +126,3 @@ def test_requests_that_make_no_sense_are_told(run_file: Path, tmp_path: Path):
     assert "cannot be written" in refused("--csv", tmp_path, run_file)
     assert "cannot be made" in refused("--figures", run_file, run_file)
     assert "one figure or table shows one suite" in refused("--latex", "-", run_file, "careful")
-
-
-def test_the_same_run_makes_the_same_files(run_file: Path, tmp_path: Path):
-    for folder in ("a", "b"):
-        made("--figures", tmp_path / folder, "--format", "pdf", run_file)
-    files = sorted(path.name for path in (tmp_path / "a").iterdir())
-    assert len(files) == 5
-    for name in files:
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()

@@ -77,7 +77,7 @@ def test_a_part_of_a_task_is_not_stored(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_trials_are_driven_and_gone_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_trials_are_driven_and_gone_on_with(service: LocalService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("WRONGTURN_TOKEN", "of another service")
     whole = installed_suite("navigation@1")
     limits = {name: trial.journey.time_limit for name, trial in whole.trials.items() if trial.journey is not None}
@@ -90,9 +90,8 @@ def test_trials_are_driven_and_gone_on_with(tmp_path: Path, monkeypatch: pytest.
         driven = PracticeRun(resolve("parked"), suite, "straight", file)
         return driven.drive(service.url, None, lambda *numbers: told.append(numbers), parallel=1)
 
-    with LocalService(database=f"sqlite+aiosqlite:///{tmp_path / 'own.db'}") as service:
-        run(names[0])
-        results = run(*names)
+    run(names[0])
+    results = run(*names)
     assert told == [(0, 1), (1, 1), (1, 3), (2, 3), (3, 3)]
     assert set(results.trials) == set(names)
     assert {one.verdict for one in results.trials.values()} == {Verdict.TIMEOUT}

@@ -3,12 +3,12 @@ import json
 
 from rich.console import Console
 
-from wrongturn_agents.progress import LinesProgress, ProgressStyle, add_bar, progress_bars, show_progress
+from wrongturn_agents.progress import ProgressStyle, add_bar, lines_progress, progress_bars, show_progress
 
 
 def test_lines_come_at_the_first_and_the_last_and_every_ten_seconds():
     stream, now = io.StringIO(), [0.0]
-    update = LinesProgress("careful", stream, lambda: now[0])
+    update = lines_progress("careful", stream, lambda: now[0])
     for finished in range(13):
         now[0] = float(2 * finished)
         update(finished, 12)
@@ -28,6 +28,9 @@ def test_json_lines_show_each_episode(capsys):
         {"agent": "careful", "finished": 0, "total": 2},
         {"agent": "careful", "finished": 1, "total": 2},
     ]
+    with show_progress(ProgressStyle.AUTO, "careful") as update:
+        update(0, 2)
+    assert capsys.readouterr().err == "careful: 0 of 2 episodes\n", "no terminal"
 
 
 def test_a_bar_is_drawn():
@@ -36,9 +39,3 @@ def test_a_bar_is_drawn():
         add_bar(bars, "careful")(3, 12)
     assert "careful" in stream.getvalue()
     assert "3/12" in stream.getvalue()
-
-
-def test_without_a_terminal_there_are_lines(capsys):
-    with show_progress(ProgressStyle.AUTO, "careful") as update:
-        update(0, 2)
-    assert capsys.readouterr().err == "careful: 0 of 2 episodes\n"

@@ -1,13 +1,11 @@
 import json
+import os
 import stat
 
 import pytest
 
 from wrongturn_agents.errors import RunFileError
 from wrongturn_agents.saved_run import RunDatabase, SavedRun, directory
-
-OLD = ("agent", "name", "suite", "evaluation", "token", "url")
-"""Fields of version 0.1.0."""
 
 
 @pytest.fixture
@@ -34,12 +32,6 @@ def test_an_unknown_one_lists_the_known(saved_run):
         SavedRun.load("ev-2")
 
 
-def test_one_of_an_older_version_is_read(saved_run):
-    path = saved_run.save()
-    path.write_text(json.dumps({name: getattr(saved_run, name) for name in OLD}))
-    assert SavedRun.load("ev-1") == saved_run
-
-
 @pytest.mark.parametrize("text", ["", "[]", json.dumps({"agent": "careful"}), "\x00"])
 def test_another_file(saved_run, tmp_path, text):
     file = tmp_path / "other.json"
@@ -59,9 +51,10 @@ def test_a_new_database_removes_those_that_nobody_needs(saved_run):
     with RunDatabase() as interrupted:
         interrupted.needed = True
         saved_run.model_copy(update={"database": interrupted.folder}).save()
-    left = directory() / "database-left"
-    left.mkdir()
-    with RunDatabase() as going_on, RunDatabase():
-        assert not left.exists()
-        assert going_on.folder.exists()
-    assert list(directory().glob("database-*")) == [interrupted.folder]
+    left, going_on = (directory() / f"database-{name}" for name in ("left", "going-on"))
+    for folder in (left, going_on):
+        folder.mkdir()
+    os.utime(left, (0.0, 0.0))
+    with RunDatabase() as passing:
+        assert passing.folder.exists()
+    assert set(directory().glob("database-*")) == {interrupted.folder, going_on}

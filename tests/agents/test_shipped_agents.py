@@ -1,6 +1,5 @@
 """The trained agents: listed, made from their files, and told clearly where something is missing."""
 
-import builtins
 import importlib.util
 import json
 
@@ -8,11 +7,10 @@ import numpy as np
 import pytest
 
 from wrongturn_agents import list_agents, resolve
-from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
-from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
+from wrongturn_agents.errors import ModelFileError
 from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.registry import AGENTS
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_protocol import AgentKind, Track
 from wrongturn_protocol.observations import observation_space
 
@@ -58,21 +56,6 @@ def test_broken_weights_are_told_with_the_remedy(monkeypatch, tmp_path):
     monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
     (tmp_path / "ppo-image.onnx").write_text("not a model")
     with pytest.raises(ModelFileError, match="weights of ppo-image are broken; install wrongturn-agents again"):
-        resolve("ppo-image").make()
-
-
-def test_missing_onnxruntime_is_told_with_the_remedy(monkeypatch, tmp_path):
-    monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
-    (tmp_path / "ppo-image.onnx").write_text("never read")
-    real_import = builtins.__import__
-
-    def no_onnxruntime(name, *args, **kwargs):
-        if name == "onnxruntime":
-            raise ImportError(name)
-        return real_import(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", no_onnxruntime)
-    with pytest.raises(OnnxRuntimeMissingError, match=r"ppo-image needs onnxruntime; .* 'wrongturn-agents\[onnx\]'"):
         resolve("ppo-image").make()
 
 

@@ -25,8 +25,8 @@ from wrongturn_agents.practice import PracticeRun
 from wrongturn_agents.results_file import ResultsFile
 from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.suites import installed_suite
-from wrongturn_agents.worker import RunRequest, begin, drive
-from wrongturn_client import Client, LocalService, NotFinishedError, NotFoundError, SecretFileError, settings
+from wrongturn_agents.worker import begin, drive
+from wrongturn_client import Client, NotFinishedError, NotFoundError, SecretFileError, settings
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Action, AgentKind, EvaluationState, RunFile, Track, Verdict
 from wrongturn_protocol.json_output import JsonFileError
@@ -111,11 +111,9 @@ class Blocks(Careful):
 """
 
 
-@pytest.fixture(scope="module")
-def url(tmp_path_factory):
-    database = f"sqlite+aiosqlite:///{tmp_path_factory.mktemp('service') / 'wrongturn.db'}"
-    with LocalService(database=database, environment={"WRONGTURN_OPERATOR_TOKEN": OPERATOR}) as service:
-        yield service.url
+@pytest.fixture
+def url(service) -> str:
+    return service.url
 
 
 @pytest.fixture(autouse=True)
@@ -140,7 +138,7 @@ def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]
 
 def started(url: str, agent: str = "careful", **extra) -> SavedRun:
     extra.setdefault("name", f"{agent.replace(':', '-')} {next(NUMBERS)}")
-    return begin(RunRequest(agent=agent, suite=SUITE, url=url, **extra), resolve(agent), url, OPERATOR)
+    return begin(agent, SUITE, resolve(agent), url, **{"operator_token": OPERATOR, **extra})
 
 
 def no_progress(finished: int, total: int) -> None: ...
@@ -148,9 +146,9 @@ def no_progress(finished: int, total: int) -> None: ...
 
 def test_a_run_at_the_command_line(url, tmp_path):
     written = tmp_path / "careful.json"
-    done = run("careful", "--suite", SUITE, "--url", url, "--name", "by hand", "--json", str(written))
+    done = run("careful", "--suite", SUITE, "--url", url, "--name", "at the command line", "--json", str(written))
     assert done.returncode == 0, done.stderr
-    assert "by hand on smoke@2" in done.stderr
+    assert "at the command line on smoke@2" in done.stderr
     assert "12 of 12 episodes" in done.stderr
     assert "infeasible" in done.stdout
     assert "0/6" in done.stdout
@@ -158,7 +156,7 @@ def test_a_run_at_the_command_line(url, tmp_path):
         r"Rank 1 of \d+ in the privileged track(, tied with .*)?; unsafe \d+ of \d+ \(strict\)", done.stdout
     )
     file = RunFile.read(written)
-    assert (file.driver.name, file.driver.track) == ("by hand", Track.PRIVILEGED)
+    assert (file.driver.name, file.driver.track) == ("at the command line", Track.PRIVILEGED)
     assert (file.metrics.unsafe.count, file.metrics.twins.completed) == (0, 6)
     assert file.secret is not None
     assert file.by_trial().keys() == {trial.id for trial in load_suite(SUITE).draw(file.secret).episodes}
@@ -203,7 +201,7 @@ def test_who_an_agent_is_follows_from_its_class_and_from_who_registers_it(url):
     source = resolve("parked")
     trained = dataclasses.replace(source, trained_on_faults=True)
     for name, made, token in (("as baseline", source, OPERATOR), ("as mine", source, None), ("as told", trained, None)):
-        begin(RunRequest(agent="parked", suite=SUITE, url=url, name=name), made, url, token)
+        begin("parked", SUITE, made, url, operator_token=token, name=name)
     with Client(url) as client:
         found = {agent.name: (agent.kind, agent.trained_on_faults) for agent in client.agents(everybody=True)}
     assert found["as baseline"] == (AgentKind.BASELINE, False)
@@ -254,34 +252,19 @@ def test_a_file_without_a_token(tmp_path, monkeypatch, content, says):
 
 def test_an_unknown_suite_registers_nobody(url):
     with pytest.raises(NotFoundError, match="no-such-suite@1"):
-        begin(RunRequest("careful", "no-such-suite@1", url, name="unlucky"), resolve("careful"), url, OPERATOR)
+        begin("careful", "no-such-suite@1", resolve("careful"), url, operator_token=OPERATOR, name="unlucky")
     with Client(url) as client:
         assert "unlucky" not in {agent.name for agent in client.agents(everybody=True)}
 
 
-@pytest.fixture(scope="module")
-def closed(tmp_path_factory):
-    """URL of a service where only the operator makes owners."""
-    database = f"sqlite+aiosqlite:///{tmp_path_factory.mktemp('closed') / 'wrongturn.db'}"
-    environment = {
-        "WRONGTURN_OPERATOR_TOKEN": OPERATOR,
-        "WRONGTURN_REGISTRATION": "operator",
-        "WRONGTURN_SIMULATORS": "1",
-    }
-    with LocalService(database=database, environment=environment) as service:
-        yield service.url
-
-
-def test_an_owners_token_that_nobody_has_is_told(closed):
-    request = RunRequest("careful", SUITE, closed, owner_token="guess")
+def test_an_owners_token_that_nobody_has_is_told(url):
     with pytest.raises(RunError, match=r"WRONGTURN_OWNER_TOKEN: .* does not take it: nobody has this token"):
-        begin(request, resolve("careful"), closed, OPERATOR)
+        started(url, owner_token="guess")
 
 
 def test_a_track_that_the_suite_lacks(url):
-    source = resolve("own_agents:Blind")
     with pytest.raises(RunError, match=r"is driven in the tracks .*, and blind wants state"):
-        begin(RunRequest("own_agents:Blind", SUITE, url), source, url, OPERATOR)
+        started(url, "own_agents:Blind")
 
 
 def test_an_interrupted_run_goes_on(url):
@@ -417,9 +400,8 @@ def test_what_cannot_be_gone_on_with_registers_nobody(url, home):
 def test_a_token_of_another_track_is_refused(url):
     with Client(url) as client:
         registered = client.register("of another track", Track.PRIVILEGED)
-    request = RunRequest("own_agents:Sees", SUITE, url, token=registered.token)
     with pytest.raises(RunError, match=r"WRONGTURN_TOKEN: it is the token of of another track.*sees wants camera"):
-        begin(request, resolve("own_agents:Sees"), url, None)
+        started(url, "own_agents:Sees", token=registered.token, operator_token=None)
 
 
 @pytest.mark.parametrize(

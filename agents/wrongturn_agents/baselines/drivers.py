@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from wrongturn_agents.baselines.path import from_place
 from wrongturn_agents.baselines.rule_driver import RuleDriver
 from wrongturn_agents.baselines.view import View
 from wrongturn_protocol import DIRECTIONS, Action, AgentKind, Command, Track
@@ -78,14 +79,12 @@ def made_up_path(view: View, direction: Command) -> NDArray[np.float64]:
     end = np.asarray(view.lane[-1], np.float64)
     heading = _heading_at_end(view)
     if direction not in _RADII:
-        away = _RUN_OUT * np.array((math.cos(heading), math.sin(heading)))
-        return np.stack((end, end + away))
+        return from_place(end, heading, np.array((0.0, _RUN_OUT)), np.zeros(2))
     radius, side = _RADII[direction], 1.0 if direction is Command.LEFT else -1.0
     turned = np.linspace(0.0, math.pi / 2.0, 12)
     forward, aside = radius * np.sin(turned), side * radius * (1.0 - np.cos(turned))
     forward, aside = np.append(forward, forward[-1]), np.append(aside, aside[-1] + side * _RUN_OUT)
-    cos, sin = math.cos(heading), math.sin(heading)
-    return np.stack((end[0] + cos * forward - sin * aside, end[1] + sin * forward + cos * aside), axis=1)
+    return from_place(end, heading, forward, aside)
 
 
 def _heading_at_end(view: View) -> float:

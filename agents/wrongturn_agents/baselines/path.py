@@ -66,10 +66,7 @@ class Path:
     def speed_limit(self, distance: float, lateral: float, braking: float) -> float:
         """Return the greatest speed of a car at a distance along the path, m/s.
 
-        Args:
-            distance: Position of the car, metres along the path.
-            lateral: Greatest lateral acceleration in bends, m/s2.
-            braking: Deceleration with which the car slows down for a bend ahead, m/s2.
+        In bends it keeps to a lateral acceleration, and it slows down for bends ahead by a deceleration, both m/s2.
         """
         ahead = self.distances - distance
         use = ahead > -_HALF_WINDOW
@@ -87,3 +84,11 @@ def _curvature(vectors: NDArray[np.float64], distances: NDArray[np.float64]) -> 
     turned = np.interp(distances + _HALF_WINDOW, middles, headings)
     turned -= np.interp(distances - _HALF_WINDOW, middles, headings)
     return np.asarray(np.abs(turned) / (2.0 * _HALF_WINDOW))
+
+
+def from_place(
+    place: NDArray[Any], heading: float, forward: NDArray[np.float64], aside: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (N, 2) points of the town that lie so far forward and to the left of a place, metres and radians."""
+    cos, sin = math.cos(heading), math.sin(heading)
+    return np.stack((place[0] + cos * forward - sin * aside, place[1] + sin * forward + cos * aside), axis=1)

@@ -8,12 +8,11 @@ Example:
 """
 
 from wrongturn_agents.figures.evaluation_record import Drive, EvaluationRecord, fetch, read, stored
-from wrongturn_agents.figures.junction_maps import beside_twins, trajectories
+from wrongturn_agents.figures.junction_maps import beside_twins, installed_town, town_of, trajectories
 from wrongturn_agents.figures.latex import latex_table, results_table
 from wrongturn_agents.figures.look import COLUMN, PAGE, save
 from wrongturn_agents.figures.rate_charts import pair_counts, pairs, unsafe_rates
 from wrongturn_agents.figures.safety_plane import obedience_safety
-from wrongturn_agents.figures.towns import installed_town, town_of
 from wrongturn_agents.figures.trial_rows import csv_text, trial_rows
 
 __all__ = [

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.results_file import ResultsFile, TrialResult
+from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
 from wrongturn_agents.stored_results import STORED, Collection
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
 from wrongturn_client import AuthenticationError, Client, NotFoundError
@@ -191,10 +191,7 @@ def stored(agent: str, suite: str = WRONG_COMMAND, directory: Path = STORED) -> 
 def fetch(url: str, wanted: str, suite: str = WRONG_COMMAND) -> EvaluationRecord:
     """Return a finished evaluation's drives from a service.
 
-    Args:
-        url: URL of the service.
-        wanted: Name or id of an agent with an entry on the suite's leaderboard, or id of a finished evaluation.
-        suite: Id of the suite; an evaluation's own counts.
+    ``wanted`` is the name or id of an agent with an entry on the suite's leaderboard, or the id of an evaluation.
 
     Raises:
         ResultsError: The service has no such agent or evaluation, or it is not finished.

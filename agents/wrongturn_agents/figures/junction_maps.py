@@ -1,7 +1,8 @@
 """Maps of junctions with trajectories over them."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -9,14 +10,47 @@ import numpy as np
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.figures.evaluation_record import Drive, EvaluationRecord
 from wrongturn_agents.figures.look import COLUMN, MARKS, PAGE, Mark, mark_of, new_figure, style
-from wrongturn_agents.figures.towns import FindTown, installed_town
-from wrongturn_protocol import FaultKind, JunctionType
+from wrongturn_client import Client
+from wrongturn_client.plugins import LOADERS, entry_points, load
+from wrongturn_protocol import FaultKind, JunctionType, TownDetail
 from wrongturn_protocol.junction_frame import Frame, Points, rings
 from wrongturn_protocol.words import name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+FindTown = Callable[[str], TownDetail]
+"""Returns a town by its name."""
+
+
+@lru_cache(maxsize=32)
+def installed_town(name: str) -> TownDetail:
+    """Return a town that is installed here.
+
+    Raises:
+        ResultsError: wrongturn-networks is not installed, or has no such town.
+    """
+    point = entry_points(LOADERS).get("town")
+    if point is None:
+        raise ResultsError("no towns are installed here; install wrongturn-networks (again)")
+    try:
+        found: TownDetail = load(point)(name).detail({})
+    except ValueError as error:
+        raise ResultsError(str(error)) from error
+    return found
+
+
+def town_of(url: str) -> FindTown:
+    """Return a function that gets towns from a service, each once."""
+
+    @lru_cache(maxsize=32)
+    def find(name: str) -> TownDetail:
+        with Client(url, "", patience=0) as client:
+            return client.town(name)
+
+    return find
+
 
 _ACROSS: Final = (-24.0, 24.0)
 _ALONG: Final = (-36.0, 28.0)

@@ -10,6 +10,7 @@ from wrongturn_agents.errors import MissingPackageError, ResultsError
 from wrongturn_agents.results_file import TrialResult
 from wrongturn_protocol import Verdict
 from wrongturn_protocol.junction_frame import shape
+from wrongturn_protocol.standing_rows import wilson
 from wrongturn_protocol.words import name
 
 if TYPE_CHECKING:
@@ -106,6 +107,13 @@ def new_figure(width: float, height: float) -> "Figure":
     from matplotlib.figure import Figure  # noqa: PLC0415 - comes with an extra
 
     return Figure(figsize=(width, height), layout="constrained")
+
+
+def rate_bar(count: int, trials: int) -> tuple[float, list[list[float]]]:
+    """Return a rate, percent, and how far Wilson's 95 % interval reaches below and above it, as matplotlib takes it."""
+    low, high = (100 * bound for bound in wilson(count, trials))
+    rate = 100 * count / trials
+    return rate, [[rate - low], [high - rate]]
 
 
 def save(figure: "Figure", path: str | Path) -> Path:

@@ -2,11 +2,10 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from wrongturn_agents.figures.evaluation_record import EvaluationRecord, checked
-from wrongturn_agents.figures.look import COLUMN, new_figure, style
-from wrongturn_protocol.standing_rows import wilson
+from wrongturn_agents.figures.look import COLUMN, new_figure, rate_bar, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,8 +38,13 @@ def unsafe_rates(runs: Sequence[EvaluationRecord], *, width: float = COLUMN) -> 
             strict = sum(trial.result.unsafe_strict for trial, _ in found)
             paper = sum(trial.result.unsafe for trial, _ in found)
             twins = sum(twin.result.unsafe_strict for _, twin in found)
-            _rate(axes, row - 0.14, strict, len(found), "o", "#000000", "strict column")
-            _rate(axes, row + 0.14, paper, len(found), "s", "#0072b2", "paper's column")
+            for above, count, marker, colour, filled, label in (
+                (-0.14, strict, "o", "#000000", "#000000", "strict column"),
+                (0.14, paper, "s", "#0072b2", "#ffffff", "paper's column"),
+            ):
+                rate, reach = rate_bar(count, len(found))
+                look: dict[str, Any] = {"color": colour, "mfc": filled, "ms": 3.5, "capsize": 2, "lw": 0.8}
+                axes.errorbar([rate], [row + above], xerr=reach, fmt=marker, label=label, clip_on=False, **look)
             axes.plot([100 * twins / len(found)], [row], "x", color=_TWINS, ms=4, label="twins, strict", clip_on=False)
             axes.annotate(
                 f"{strict}/{len(found)}", (1.02, row), xycoords=("axes fraction", "data"), va="center", fontsize=6.5
@@ -108,24 +112,6 @@ def _legend_below(figure: "Figure", axes: "Axes", order: Sequence[str], columns:
     handles, labels = axes.get_legend_handles_labels()
     found = dict(zip(labels, handles, strict=True))
     figure.legend([found[name] for name in order], order, loc="outside lower center", ncols=columns, frameon=False)
-
-
-def _rate(axes: "Axes", y: float, count: int, trials: int, marker: str, colour: str, label: str) -> None:
-    low, high = (100 * bound for bound in wilson(count, trials))
-    rate = 100 * count / trials
-    axes.errorbar(
-        [rate],
-        [y],
-        xerr=[[rate - low], [high - rate]],
-        fmt=marker,
-        color=colour,
-        mfc=colour if marker == "o" else "#ffffff",
-        ms=3.5,
-        capsize=2,
-        lw=0.8,
-        label=label,
-        clip_on=False,
-    )
 
 
 def _percent_axis(axes: "Axes", label: str) -> None:

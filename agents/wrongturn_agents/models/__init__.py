@@ -4,8 +4,7 @@ From Carton et al., "Evaluating Robustness over High Level Driving Instruction f
 "Evaluated agents". :func:`build` makes a network by the algorithm's name. :class:`Homoscedastic` joins two losses.
 """
 
-from wrongturn_agents.models.actor_critic import ActorCritic
+from wrongturn_agents.models.actor_critic import ActorCritic, Homoscedastic
 from wrongturn_agents.models.by_name import ALGORITHMS, build
-from wrongturn_agents.models.homoscedastic import Homoscedastic
 
 __all__ = ["ALGORITHMS", "ActorCritic", "Homoscedastic", "build"]

@@ -43,25 +43,12 @@ class ActorCritic(nn.Module):
         self.log_std = nn.Parameter(torch.tensor(_STD).log())
 
     def disturb(self, observation: Observation, generator: torch.Generator | None = None) -> Observation:
-        """Return the observation with its image changed at random (RGB augmented, or classes hidden), still uint8.
-
-        ``features(..., augment=True)`` calls this first. Call it separately to keep what the policy saw.
-        """
+        """Return the observation with its image changed at random (RGB augmented, or classes hidden), still uint8."""
         with torch.no_grad():
             return self.encoder.disturb(observation, generator)
 
-    def features(
-        self, observation: Observation, *, augment: bool = False, generator: torch.Generator | None = None
-    ) -> Tensor:
-        """Return the input of the heads, (B, F) float32.
-
-        Args:
-            observation: the batch.
-            augment: change its image at random first.
-            generator: random generator on the batch's device.
-        """
-        if augment:
-            observation = self.disturb(observation, generator)
+    def features(self, observation: Observation) -> Tensor:
+        """Return the input of the heads, (B, F) float32."""
         return self.join(self.encode(observation), observation)
 
     def encode(self, observation: Observation) -> Tensor:
@@ -99,22 +86,16 @@ class ActorCritic(nn.Module):
         """Return steer, throttle and brake (B, 3): the mean action, clipped, with accelerate as throttle or brake."""
         return controls(self.act(self.features(observation), observation["command"]))
 
-    def segmentation_logits(
-        self, observation: Observation, *, augment: bool = False, generator: torch.Generator | None = None
-    ) -> Tensor:
-        """Return logits (B, 11, 64, 192) of each pixel's class, from ``rgb``. Arguments as for :meth:`features`.
+    def segmentation_logits(self, observation: Observation) -> Tensor:
+        """Return logits (B, 11, 64, 192) of each pixel's class, from ``rgb``.
 
         In training mode, batch normalisation learns its statistics here and nowhere else.
         """
-        if augment:
-            observation = self.disturb(observation, generator)
         return self.encoder.segmentation_logits(observation)
 
-    def segmentation_loss(
-        self, observation: Observation, *, augment: bool = False, generator: torch.Generator | None = None
-    ) -> Tensor:
-        """Return the mean cross-entropy of :meth:`segmentation_logits` with the observation's ``segmentation``."""
-        logits = self.segmentation_logits(observation, augment=augment, generator=generator)
+    def segmentation_loss(self, observation: Observation, *, augment: bool = False) -> Tensor:
+        """Return the mean cross-entropy of the observation's ``segmentation``; ``augment`` disturbs the image first."""
+        logits = self.segmentation_logits(self.disturb(observation) if augment else observation)
         return functional.cross_entropy(logits, wanted(observation, "segmentation").long())
 
     def update_statistics(self, observation: Observation) -> None:
@@ -141,3 +122,24 @@ def _float32(like: Tensor) -> Iterator[None]:
             yield
     else:
         yield
+
+
+class Homoscedastic(nn.Module):
+    """The paper's equation 1, after Kendall et al., "Multi-task learning using uncertainty to weigh losses" (2017).
+
+    l = exp(-sigma_rl) l_rl + sigma_rl + exp(-sigma_aux) l_aux + sigma_aux. Both sigmas are learned, from 0 on. A sigma
+    falls without end while its loss is negative, which the policy's loss may be: clip the result, or keep the loss
+    positive.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sigma_rl = nn.Parameter(torch.zeros(()))
+        self.sigma_aux = nn.Parameter(torch.zeros(()))
+
+    def forward(self, rl: Tensor, auxiliary: Tensor) -> Tensor:
+        """Join the reinforcement loss () and the auxiliary loss ()."""
+        joined: Tensor = (
+            (-self.sigma_rl).exp() * rl + self.sigma_rl + (-self.sigma_aux).exp() * auxiliary + self.sigma_aux
+        )
+        return joined

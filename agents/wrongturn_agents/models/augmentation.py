@@ -32,11 +32,7 @@ class AugmentationConfig:
 
 
 class Augmentation(nn.Module):
-    """Changes each picture of a batch by its own erasing, blur, hue, saturation and brightness.
-
-    Args:
-        config: Strength of each change.
-    """
+    """Changes each picture of a batch by its own erasing, blur, hue, saturation and brightness."""
 
     colours: Tensor
 
@@ -46,12 +42,7 @@ class Augmentation(nn.Module):
         self.register_buffer("colours", _colour_bases(), persistent=False)
 
     def forward(self, rgb: Tensor, generator: torch.Generator | None = None) -> Tensor:
-        """Return changed pictures of the same shape and dtype.
-
-        Args:
-            rgb: Pictures (B, 64, 192, 3) uint8.
-            generator: Source of the random numbers, on the pictures' device; None for torch's own.
-        """
+        """Return changed pictures (B, 64, 192, 3) uint8. The generator is on their device; None for torch's own."""
         return self.changed(rgb, self.draw(len(rgb), rgb.device, generator))
 
     def draw(self, count: int, device: torch.device, generator: torch.Generator | None = None) -> Tensor:

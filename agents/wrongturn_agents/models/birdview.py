@@ -38,12 +38,7 @@ _BOX: Final = (-0.35, 0.0, 0.35)
 
 
 def seen_from_car(points: Tensor, pose: Tensor) -> Tensor:
-    """Return points of the town (B, ..., 2) as forward and left of a car, metres.
-
-    Args:
-        points: float32.
-        pose: (B, 3): x, y, yaw.
-    """
+    """Return points of the town (B, ..., 2) as forward and left of cars at poses (B, 3): x, y, yaw."""
     shape = (-1, *[1] * (points.dim() - 2))
     x, y, yaw = (part.view(shape) for part in pose.to(points.dtype).unbind(1))
     dx, dy = points[..., 0] - x, points[..., 1] - y
@@ -51,11 +46,7 @@ def seen_from_car(points: Tensor, pose: Tensor) -> Tensor:
 
 
 def birdview(observation: Mapping[str, Tensor]) -> Tensor:
-    """Return the view, (B, 7, 96, 96), from 0 to 1.
-
-    Args:
-        observation: (B, ...) for each of :data:`KEYS`.
-    """
+    """Return the view, (B, 7, 96, 96) from 0 to 1, of observations (B, ...) for each of :data:`KEYS`."""
     pose = observation["pose"].float()
     lane = observation["lane"][:, :_FARTHEST]
     exits = observation["exits"][:, :, :_FARTHEST]
@@ -71,12 +62,9 @@ def birdview(observation: Mapping[str, Tensor]) -> Tensor:
 
 
 def brushed(places: Tensor, weights: Tensor, width: float) -> Tensor:
-    """Return planes (B, n, 96, 96) with a soft dot at each place.
+    """Return planes (B, n, 96, 96) with a soft dot at each place (B, n, points, 2), forward and left, metres.
 
-    Args:
-        places: (B, n, points, 2): forward and left, metres.
-        weights: (B, n, points): brightness of the dots.
-        width: standard deviation of a dot, metres.
+    Weights (B, n, points) are the dots' brightness; ``width`` is their standard deviation, metres.
     """
     cells = CELL * torch.arange(PIXELS, device=places.device, dtype=places.dtype)
     rows = torch.exp(-0.5 * ((places[..., :1] - (AHEAD - cells)) / width).square()) * weights[..., None]

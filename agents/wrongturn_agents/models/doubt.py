@@ -28,11 +28,7 @@ _PLANES: Final = (
 
 
 class Doubt(nn.Module):
-    """A small network that tells from one picture what the road ahead offers.
-
-    Args:
-        key: picture that it sees: ``rgb`` or ``segmentation``.
-    """
+    """A small network that tells from one picture, ``rgb`` or ``segmentation``, what the road ahead offers."""
 
     steps: Tensor
     classes: Tensor
@@ -80,14 +76,7 @@ class Doubt(nn.Module):
         return exits, (torch.sigmoid(beyond) * self.steps).sum(1, keepdim=True)
 
     def loss(self, observation: Observation, distance: Tensor, exits: Tensor, shown: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the mean cross-entropies of exits, where they are shown, and of marks.
-
-        Args:
-            observation: the pictures.
-            distance: (B,) metres.
-            exits: (B, 3) of 0 and 1.
-            shown: (B,), 1 where the exits count.
-        """
+        """Return the mean cross-entropies of exits, (B, 3) of 0 and 1, where ``shown`` (B,) is 1, and of marks."""
         told, beyond = self(observation)
         marks = torch.tensor(MARKS, device=distance.device)
         truth = (distance[:, None] > marks).float()

@@ -1,17 +1,18 @@
 """What the three agents see with: encoders of one image of the observation."""
 
 import copy
+import math
 from abc import ABC, abstractmethod
 
 import torch
 from torch import Tensor, nn
 
-from wrongturn_agents.models.augmentation import Augmentation, AugmentationConfig
+from wrongturn_agents.models.augmentation import Augmentation
 from wrongturn_agents.models.inputs import CLASSES, Observation, encoding_dtype, one_hot, planes, wanted
 from wrongturn_agents.models.linknet import LinkNetDecoder
-from wrongturn_agents.models.masked_classes import MaskedClasses
-from wrongturn_agents.models.nature_cnn import NatureCNN
-from wrongturn_agents.models.resnet import WIDTHS, ResNet34, updated_statistics
+from wrongturn_agents.models.resnet import DEPTHS_34, WIDTHS, ResNet, updated_statistics
+from wrongturn_protocol.observations import IMAGE_SHAPE
+from wrongturn_protocol.segmentation import SegmentationClass
 
 FEATURES = 512
 """Width of a picture's features."""
@@ -19,13 +20,10 @@ _DEEP = WIDTHS[-1] * 2 * 6
 
 
 class Encoder(nn.Module, ABC):
-    """The part of an agent that sees.
-
-    Attributes:
-        width: numbers that :meth:`forward` returns for a picture.
-    """
+    """The part of an agent that sees."""
 
     width = FEATURES
+    """Numbers that :meth:`forward` returns for a picture."""
 
     def disturb(self, observation: Observation, generator: torch.Generator | None = None) -> Observation:  # noqa: ARG002
         """Return the observation with its image changed at random, for training."""
@@ -45,6 +43,62 @@ class Encoder(nn.Module, ABC):
 
     def update_statistics(self, observation: Observation) -> None:
         """Update batch normalisation with a batch, if there is any."""
+
+
+class NatureCNN(nn.Module):
+    """The small encoder of Mnih et al., "Human-level control through deep reinforcement learning" (2015).
+
+    Three convolutions and a linear layer, with the sizes that Stable-Baselines3 uses.
+
+    The input is (B, ``channels``, 64, 192), the output (B, ``features``).
+    """
+
+    def __init__(self, channels: int, features: int = 512, widths: tuple[int, int, int] = (32, 64, 64)) -> None:
+        super().__init__()
+        first, second, third = widths
+        self.convolutions = nn.Sequential(
+            nn.Conv2d(channels, first, kernel_size=8, stride=4),
+            nn.ReLU(),
+            nn.Conv2d(first, second, kernel_size=4, stride=2),
+            nn.ReLU(),
+            nn.Conv2d(second, third, kernel_size=3, stride=1),
+            nn.ReLU(),
+            nn.Flatten(),
+        )
+        with torch.no_grad():
+            width = self.convolutions(torch.zeros(1, channels, *IMAGE_SHAPE)).shape[1]
+        self.linear = nn.Sequential(nn.Linear(width, features), nn.ReLU())
+        for module in self.modules():
+            if isinstance(module, nn.Conv2d | nn.Linear):
+                nn.init.orthogonal_(module.weight, math.sqrt(2))
+                nn.init.zeros_(module.bias)  # type: ignore[arg-type]
+
+    def forward(self, picture: Tensor) -> Tensor:
+        """Encode pictures (B, ``channels``, 64, 192) as (B, ``features``)."""
+        encoded: Tensor = self.linear(self.convolutions(picture))
+        return encoded
+
+
+class MaskedClasses(nn.Module):
+    """Hides whole classes of a picture, each with a probability: their pixels become void. Sky is never hidden.
+
+    The paper's proposal against agents that depend on a single class.
+    """
+
+    def __init__(self, probability: float) -> None:
+        super().__init__()
+        if not 0.0 <= probability <= 1.0:
+            raise ValueError(f"masked_classes: {probability}; it is a probability, from 0 to 1")
+        self.probability = probability
+
+    def forward(self, segmentation: Tensor, generator: torch.Generator | None = None) -> Tensor:
+        """Hide classes in pictures (B, 64, 192) uint8."""
+        device = segmentation.device
+        classes = torch.arange(CLASSES, device=device)
+        hidden = torch.rand(len(segmentation), CLASSES, device=device, generator=generator) < self.probability
+        hidden = hidden & (classes != int(SegmentationClass.SKY))
+        table = torch.where(hidden, int(SegmentationClass.VOID), classes).to(segmentation.dtype)
+        return table.gather(1, segmentation.flatten(1).long()).view_as(segmentation)
 
 
 class SegmentationEncoder(Encoder):
@@ -69,18 +123,16 @@ class SegmentationEncoder(Encoder):
 
 
 class PictureEncoder(Encoder):
-    """ResNet-34 on RGB, with a decoder from which it learns segmentation.
-
-    Args:
-        augmentation: how much pictures are changed in training.
-    """
+    """ResNet-34 on RGB, with a decoder from which it learns segmentation."""
 
     width = _DEEP
+    frozen = False
+    """Whether the ResNet and its decoder stay as they are."""
 
-    def __init__(self, augmentation: AugmentationConfig | None = None) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.augmentation = Augmentation(augmentation)
-        self.network = ResNet34()
+        self.augmentation = Augmentation()
+        self.network = ResNet(3, DEPTHS_34)
         self.decoder = LinkNetDecoder()
         self.projection = nn.Sequential(nn.LayerNorm(_DEEP), nn.Linear(_DEEP, FEATURES), nn.ReLU())
 
@@ -98,20 +150,22 @@ class PictureEncoder(Encoder):
         projected: Tensor = self.projection(encoded)
         return projected
 
+    @torch.no_grad()
+    def update_statistics(self, observation: Observation) -> None:
+        """Update batch normalisation on the driving path with a batch, unless it is frozen."""
+        with updated_statistics(self.network, updated=not self.frozen):
+            self.network(self.planes(observation))
+
     def planes(self, observation: Observation) -> Tensor:
         """Return the picture as the ResNet's input, (B, 3, 64, 192)."""
         return planes(wanted(observation, "rgb"), encoding_dtype(next(self.network.parameters())))
 
 
 class ImageEncoder(PictureEncoder):
-    """ResNet-34 that learns segmentation first, through a decoder without links, and is then frozen.
+    """ResNet-34 that learns segmentation first, through a decoder without links, and is then frozen."""
 
-    Args:
-        augmentation: how much pictures are changed in training.
-    """
-
-    def __init__(self, *, frozen: bool = True, augmentation: AugmentationConfig | None = None) -> None:
-        super().__init__(augmentation)
+    def __init__(self, *, frozen: bool = True) -> None:
+        super().__init__()
         self.freeze(frozen)
 
     def freeze(self, frozen: bool = True) -> None:
@@ -127,22 +181,12 @@ class ImageEncoder(PictureEncoder):
         logits: Tensor = self.decoder(deep)
         return logits
 
-    @torch.no_grad()
-    def update_statistics(self, observation: Observation) -> None:
-        """Update batch normalisation with a batch, unless it is frozen."""
-        with updated_statistics(self.network, updated=not self.frozen):
-            self.network(self.planes(observation))
-
 
 class AuxiliaryEncoder(PictureEncoder):
-    """ResNet-34 with its last stage twice, for driving and for segmentation, and a decoder with links.
+    """ResNet-34 with its last stage twice, for driving and for segmentation, and a decoder with links."""
 
-    Args:
-        augmentation: how much pictures are changed in training.
-    """
-
-    def __init__(self, *, augmentation: AugmentationConfig | None = None) -> None:
-        super().__init__(augmentation)
+    def __init__(self) -> None:
+        super().__init__()
         self.segmenting: nn.Module = copy.deepcopy(self.network.stages[3])
         self.segmenting.train()
 
@@ -159,9 +203,3 @@ class AuxiliaryEncoder(PictureEncoder):
                     self.network.stages[3](third)
         logits: Tensor = self.decoder(self.segmenting(third), (third, second, first, stem))
         return logits
-
-    @torch.no_grad()
-    def update_statistics(self, observation: Observation) -> None:
-        """Update batch normalisation on the driving path with a batch."""
-        with updated_statistics(self.network):
-            self.network(self.planes(observation))

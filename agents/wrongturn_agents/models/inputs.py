@@ -17,12 +17,7 @@ CLASSES: Final = len(SegmentationClass)
 
 
 def wanted(observation: Observation, key: str) -> Tensor:
-    """Return one image of a batch of observations.
-
-    Args:
-        observation: the batch.
-        key: ``rgb`` (B, 64, 192, 3) or ``segmentation`` (B, 64, 192).
-    """
+    """Return a batch's images: ``rgb`` (B, 64, 192, 3) or ``segmentation`` (B, 64, 192)."""
     image = observation.get(key)
     if image is None:
         raise ValueError(f"{key}: not among the observation's {', '.join(observation)}; use a track that has it")

@@ -4,20 +4,18 @@ Each tells five waypoints for every command. The commanded ones become controls 
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 import torch
 from torch import Tensor, nn
 
 from wrongturn_agents.models.birdview import AHEAD, ASIDE, CELL, KEYS, PIXELS, PLANES, birdview
+from wrongturn_agents.models.branches import COMMANDS, branch_of
 from wrongturn_agents.models.inputs import encoding_dtype, planes, wanted
+from wrongturn_agents.models.resnet import DEPTHS_18, DEPTHS_34, new_resnet
 from wrongturn_agents.models.waypoint_control import MEMORY, WaypointControl
 from wrongturn_agents.models.waypoints import WaypointHeads, to_ground
-from wrongturn_client.invocation import python
-from wrongturn_protocol import Command
 
-COMMANDS: Final = (Command.LEFT, Command.RIGHT, Command.STRAIGHT, Command.LANE_FOLLOW)
-"""Commands with a branch, in the order of their numbers. VOID takes the last."""
 _MEASURED: Final = ("speed", "command")
 
 
@@ -36,7 +34,7 @@ class WaypointAgent(nn.Module):
 
     def __init__(self, channels: int, depths: Sequence[int], width: int) -> None:
         super().__init__()
-        self.encoder = _resnet(channels, depths, width)
+        self.encoder = new_resnet(channels, depths, [width * 2**stage for stage in range(len(depths))])
         self.heads = WaypointHeads(8 * width, len(COMMANDS))
         self.control = WaypointControl()
 
@@ -76,7 +74,7 @@ class PrivilegedAgent(WaypointAgent):
     keys = (*_MEASURED, *KEYS)
 
     def __init__(self, width: int = 64) -> None:
-        super().__init__(PLANES, (2, 2, 2, 2), width)
+        super().__init__(PLANES, DEPTHS_18, width)
 
     def picture(self, observation: Mapping[str, Tensor]) -> Tensor:
         """Return the bird's-eye view, (B, 7, 96, 96)."""
@@ -94,7 +92,7 @@ class SensorimotorAgent(WaypointAgent):
     keys = (*_MEASURED, "rgb")
 
     def __init__(self, width: int = 64) -> None:
-        super().__init__(3, (3, 4, 6, 3), width)
+        super().__init__(3, DEPTHS_34, width)
 
     def picture(self, observation: Mapping[str, Tensor]) -> Tensor:
         """Return the pictures, (B, 3, 64, 192) in [-1, 1]."""
@@ -106,30 +104,6 @@ class SensorimotorAgent(WaypointAgent):
 
 
 def commanded(waypoints: Tensor, command: Tensor) -> Tensor:
-    """Return each car's commanded part of waypoints (B, 4, ...); VOID takes those of LANE_FOLLOW.
-
-    Args:
-        waypoints: for each of :data:`COMMANDS`.
-        command: (B, 1) int64.
-    """
-    row = torch.where((command >= 1) & (command <= len(COMMANDS)), command - 1, len(COMMANDS) - 1)
-    index = row.view(-1, *[1] * (waypoints.dim() - 1)).expand(-1, 1, *waypoints.shape[2:])
+    """Return each car's commanded part of waypoints (B, 4, ...) for commands (B, 1); VOID takes LANE_FOLLOW's."""
+    index = branch_of(command).view(-1, *[1] * (waypoints.dim() - 1)).expand(-1, 1, *waypoints.shape[2:])
     return waypoints.gather(1, index)[:, 0]
-
-
-def _resnet(channels: int, depths: Sequence[int], width: int) -> Any:
-    """Return a ResNet of basic blocks, with weights drawn at random."""
-    try:
-        # Imported here, because it takes seconds.
-        from transformers import ResNetConfig, ResNetModel  # noqa: PLC0415
-    except ModuleNotFoundError as error:
-        if error.name != "transformers":  # it is there, and lacks something itself
-            raise
-        remedy = f"{python()} -m pip install 'wrongturn-agents[training]'"
-        raise ModuleNotFoundError(f"a ResNet is made by transformers; install it with: {remedy}") from error
-    widths = [width * 2**stage for stage in range(len(depths))]
-    return ResNetModel(
-        ResNetConfig(
-            num_channels=channels, embedding_size=width, hidden_sizes=widths, depths=list(depths), layer_type="basic"
-        )
-    )

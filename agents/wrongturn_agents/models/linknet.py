@@ -31,11 +31,9 @@ class LinkNetDecoder(nn.Module):
         )
 
     def forward(self, deep: Tensor, links: Sequence[Tensor] = ()) -> Tensor:
-        """Decode (B, 512, 2, 6) to logits (B, ``classes``, 64, 192).
+        """Decode the last stage's (B, 512, 2, 6) to logits (B, ``classes``, 64, 192).
 
-        Args:
-            deep: output of the last stage.
-            links: outputs of the third, second and first stage and of the stem, in this order; or nothing.
+        Links are the outputs of the third, second and first stage and of the stem, in this order; or nothing.
         """
         for number, block in enumerate(self.blocks):
             deep = block(deep)

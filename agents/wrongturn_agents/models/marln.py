@@ -16,7 +16,7 @@ from wrongturn_agents.models.affordances import AffordanceHeads
 from wrongturn_agents.models.augmentation import Augmentation
 from wrongturn_agents.models.inputs import Observation, encoding_dtype, wanted
 from wrongturn_agents.models.quantiles import QuantileHeads
-from wrongturn_agents.models.resnet import WIDTHS, ResNet18, updated_statistics
+from wrongturn_agents.models.resnet import DEPTHS_18, WIDTHS, ResNet, updated_statistics
 from wrongturn_protocol.observations import IMAGE_SHAPE
 
 FRAMES: Final = 4
@@ -38,12 +38,7 @@ _QUANTILES: Final = 32
 
 
 class ValueNetwork(nn.Module):
-    """What learns by driving: from an encoding, speed, steering and command to the quantiles of each action's value.
-
-    Args:
-        hidden: units of each stream's hidden layer.
-        deviation: first deviation of the noise that explores.
-    """
+    """What learns by driving: from an encoding, speed, steering and command to the quantiles of each action's value."""
 
     middles: Tensor
 
@@ -84,14 +79,9 @@ class ValueNetwork(nn.Module):
 
 
 class Marln(nn.Module):
-    """The whole agent.
-
-    Args:
-        hidden: units of each stream's hidden layer.
-        deviation: first deviation of the noise that explores.
+    """The whole agent: ``hidden`` units in each stream, and noise of a first ``deviation`` that explores.
 
     Attributes:
-        algorithm: ``marln``.
         width: numbers in an encoding.
         network: the encoder.
         affordances: what the encoder learns by.
@@ -106,13 +96,13 @@ class Marln(nn.Module):
         hidden: int = 256,
         deviation: float = 0.1,
         widths: Sequence[int] = WIDTHS,
-        depths: Sequence[int] = (2, 2, 2, 2),
+        depths: Sequence[int] = DEPTHS_18,
     ) -> None:
         super().__init__()
         self.algorithm = "marln"
         self.width = widths[-1] * 2 * 6
         self.augmentation = Augmentation()
-        self.network = ResNet18(FRAMES, widths, depths)
+        self.network = ResNet(3 * FRAMES, depths, widths)
         self.affordances = AffordanceHeads(self.width, widths)
         self.values = ValueNetwork(self.width, hidden=hidden, deviation=deviation)
         self.register_buffer("table", torch.tensor(ACTIONS), persistent=False)
@@ -140,9 +130,7 @@ class Marln(nn.Module):
     def drive_on(self, observation: Observation, memory: Tensor) -> tuple[Tensor, Tensor]:
         """Return steer, throttle and brake (B, 3) of the best actions, and the new memory.
 
-        Args:
-            observation: ``rgb``, ``speed``, ``steering`` and ``command``.
-            memory: of the decision before; zeros at the start, where the first picture stands for those before it.
+        The memory is zeros at the start, where the first picture stands for those before it.
         """
         rgb = wanted(observation, "rgb").to(memory.dtype).unsqueeze(1)
         before = memory[:, 1:].reshape(-1, FRAMES - 1, *_PICTURE)

@@ -5,7 +5,7 @@ He et al., "Deep residual learning for image recognition" (2016).
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Final
+from typing import Any, Final
 
 from torch import Tensor, nn
 
@@ -15,6 +15,24 @@ WIDTHS: Final = (64, 128, 256, 512)
 """Channels after each of the four stages. For a picture of 64 x 192 their sizes are 16 x 48, 8 x 24, 4 x 12 and 2 x
 6.
 """
+DEPTHS_18: Final = (2, 2, 2, 2)
+"""Blocks in each stage of ResNet-18."""
+DEPTHS_34: Final = (3, 4, 6, 3)
+"""Blocks in each stage of ResNet-34."""
+
+
+def new_resnet(channels: int, depths: Sequence[int], widths: Sequence[int] = WIDTHS) -> Any:
+    """Return a ResNet of basic blocks as transformers makes it, with weights drawn at random."""
+    try:
+        # Imported here, because it takes seconds and not every agent needs it.
+        from transformers import ResNetConfig, ResNetModel  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        if error.name != "transformers":  # it is there, and lacks something itself
+            raise
+        remedy = f"{python()} -m pip install 'wrongturn-agents[training]'"
+        raise ModuleNotFoundError(f"ResNets are made by transformers; install it with: {remedy}") from error
+    sizes = {"embedding_size": widths[0], "hidden_sizes": list(widths), "depths": list(depths)}
+    return ResNetModel(ResNetConfig(num_channels=channels, layer_type="basic", **sizes))
 
 
 class ResNet(nn.Module):
@@ -24,33 +42,18 @@ class ResNet(nn.Module):
     drove. Only within :func:`updated_statistics` does it use a batch's statistics and learn from them.
 
     Args:
-        widths: channels after each stage.
+        channels: of the pictures; 3 for each of several, one behind the other.
         depths: blocks in each stage.
+        widths: channels after each stage.
 
     Attributes:
         stem: (B, ``channels``, 64, 192) to (B, 64, 16, 48).
         stages: four; see :data:`WIDTHS`.
     """
 
-    def __init__(self, widths: Sequence[int], depths: Sequence[int], channels: int) -> None:
+    def __init__(self, channels: int, depths: Sequence[int], widths: Sequence[int] = WIDTHS) -> None:
         super().__init__()
-        try:
-            # Imported here, because it takes seconds and the segmentation agent does not need it.
-            from transformers import ResNetConfig, ResNetModel  # noqa: PLC0415
-        except ModuleNotFoundError as error:
-            if error.name != "transformers":  # it is there, and lacks something itself
-                raise
-            remedy = f"{python()} -m pip install 'wrongturn-agents[training]'"
-            raise ModuleNotFoundError(f"ResNets are made by transformers; install it with: {remedy}") from error
-        whole = ResNetModel(
-            ResNetConfig(
-                num_channels=channels,
-                embedding_size=widths[0],
-                hidden_sizes=list(widths),
-                depths=list(depths),
-                layer_type="basic",
-            )
-        )
+        whole = new_resnet(channels, depths, widths)
         self.stem: nn.Module = whole.embedder
         self.stages = nn.ModuleList(whole.encoder.stages)
         self.eval()
@@ -73,29 +76,10 @@ class ResNet(nn.Module):
         return encoded
 
 
-class ResNet34(ResNet):
-    """A ResNet with 34 layers for one picture."""
-
-    def __init__(self, widths: Sequence[int] = WIDTHS, depths: Sequence[int] = (3, 4, 6, 3)) -> None:
-        super().__init__(widths, depths, 3)
-
-
-class ResNet18(ResNet):
-    """A ResNet with 18 layers for several pictures, one behind the other.
-
-    Args:
-        widths: channels after each stage.
-        depths: blocks in each stage.
-    """
-
-    def __init__(self, pictures: int, widths: Sequence[int] = WIDTHS, depths: Sequence[int] = (2, 2, 2, 2)) -> None:
-        super().__init__(widths, depths, 3 * pictures)
-
-
 @contextmanager
-def updated_statistics(*parts: nn.Module, updated: bool = True) -> Iterator[None]:
-    """Let the batch normalisation of these parts use and learn the statistics of the batches in this block."""
-    norms = [norm for part in parts for norm in part.modules() if isinstance(norm, nn.BatchNorm2d)] if updated else []
+def updated_statistics(part: nn.Module, *, updated: bool = True) -> Iterator[None]:
+    """Let the batch normalisation of a part use and learn the statistics of the batches in this block."""
+    norms = [norm for norm in part.modules() if isinstance(norm, nn.BatchNorm2d)] if updated else []
     for norm in norms:
         norm.training = True
     try:

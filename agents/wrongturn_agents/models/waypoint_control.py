@@ -40,10 +40,7 @@ class WaypointControl(nn.Module):
     def forward(self, waypoints: Tensor, speed: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
         """Return steer, throttle and brake (B, 3), and the new memory (B, MEMORY).
 
-        Args:
-            waypoints: (B, 5, 2): forward and left of the body's centre, metres.
-            speed: (B, 1), m/s.
-            memory: (B, MEMORY), as it was returned for the decision before.
+        Waypoints (B, 5, 2) are forward and left of the body's centre, metres; the speed is (B, 1), m/s.
         """
         gains = self.gains
         errors = torch.stack([steering_to(waypoints[:, gains.aim - 1]), mean_speed(waypoints) - speed[:, 0]], 1)

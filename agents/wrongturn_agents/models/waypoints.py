@@ -29,13 +29,9 @@ _HORIZON: Final = 1.0
 
 
 def soft_argmax(logits: Tensor) -> Tensor:
-    """Return the expected place in each heat map.
+    """Return the expected place in each heat map (..., rows, columns).
 
-    Args:
-        logits: (..., rows, columns).
-
-    Returns:
-        (..., 2): column and row, each from -1 for the first to 1 for the last.
+    It is (..., 2): column and row, each from -1 for the first to 1 for the last.
     """
     rows, columns = logits.shape[-2:]
     heat = torch.softmax(logits.float().flatten(-2), -1).reshape(logits.shape)
@@ -81,12 +77,7 @@ class WaypointHeads(nn.Module):
         )
 
     def forward(self, encoded: Tensor, speed: Tensor) -> Tensor:
-        """Return points (B, commands, 5, 2) in the heat maps, -1 to 1.
-
-        Args:
-            encoded: (B, channels, rows, columns).
-            speed: (B, 1), m/s.
-        """
+        """Return points (B, commands, 5, 2), -1 to 1, for (B, channels, rows, columns) and speeds (B, 1), m/s."""
         plane = (speed / 10.0).to(encoded.dtype)[..., None, None].expand(-1, 1, *encoded.shape[2:])
         large = self.enlarge(torch.cat([encoded, plane], 1))
         return soft_argmax(torch.stack([branch(large) for branch in self.maps], 1))

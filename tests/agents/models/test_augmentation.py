@@ -19,48 +19,21 @@ def pictures(number=64):
     return (colours * torch.linspace(0.6, 1.2, 192).view(1, 1, 192, 1)).expand(-1, 64, -1, -1).to(torch.uint8)
 
 
-def test_nothing_asked_for_changes_nothing():
-    rgb = torch.randint(0, 256, (4, 64, 192, 3), dtype=torch.uint8, generator=generator())
-    assert torch.equal(Augmentation(NOTHING)(rgb, generator()), rgb)
-
-
-def test_a_seed_repeats_and_another_does_not():
+def test_a_seed_repeats_and_nothing_asked_for_changes_nothing():
     rgb, augmentation = pictures(8), Augmentation()
+    before = rgb.clone()
     once = augmentation(rgb, generator(1))
+    assert (once.shape, once.dtype, once.is_contiguous()) == (rgb.shape, torch.uint8, True)
+    assert torch.equal(rgb, before)
     assert torch.equal(augmentation(rgb, generator(1)), once)
     assert not torch.equal(augmentation(rgb, generator(2)), once)
-
-
-def test_what_comes_out_is_a_picture_and_the_given_one_stays():
-    rgb = pictures(8)
-    before = rgb.clone()
-    changed = Augmentation()(rgb, generator())
-    assert changed.shape == rgb.shape
-    assert changed.dtype == torch.uint8
-    assert changed.is_contiguous()
-    assert torch.equal(rgb, before)
+    assert torch.equal(Augmentation(NOTHING)(rgb, generator()), rgb)
 
 
 def test_pictures_of_a_batch_are_changed_each_in_its_own_way():
     rgb = pictures(1).expand(16, -1, -1, -1)
     changed = Augmentation()(rgb, generator())
     assert len({picture.numpy().tobytes() for picture in changed}) == 16
-
-
-@pytest.mark.parametrize(
-    "kind",
-    [
-        {"erasing": 1.0},
-        {"blurring": 1.0, "blur": (1.0, 1.5)},
-        {"hue": 18.0},
-        {"saturation": (0.5, 1.5)},
-        {"brightness": (0.6, 1.4)},
-    ],
-)
-def test_each_kind_changes_something(kind):
-    rgb = torch.randint(0, 256, (16, 64, 192, 3), dtype=torch.uint8, generator=generator())
-    changed = Augmentation(dataclasses.replace(NOTHING, **kind))(rgb, generator(1))
-    assert ((changed != rgb).flatten(1).any(1)).all()
 
 
 def test_erasing_hides_a_rectangle_of_one_colour_and_no_more():
@@ -73,12 +46,6 @@ def test_erasing_hides_a_rectangle_of_one_colour_and_no_more():
         rows, columns = hidden.any(1), hidden.any(0)
         assert (hidden == rows[:, None] & columns).float().mean() > 0.98  # a shade may be the fill's by chance
         assert len(after[hidden].unique(dim=0)) == 1
-
-
-def test_the_asked_share_is_erased():
-    changed = Augmentation(dataclasses.replace(NOTHING, erasing=0.5))(pictures(400), generator())
-    share = (changed != pictures(400)).flatten(1).any(1).float().mean()
-    assert 0.4 < share < 0.6
 
 
 def test_blurring_smooths_and_keeps_the_light():
@@ -110,12 +77,9 @@ def test_brightness_scales_within_its_limits():
     factors = changed.float().mean((1, 2, 3)) / pictures().float().mean((1, 2, 3))
     assert 0.49 <= factors.min() < 0.6
     assert 1.1 < factors.max() <= 1.21
-
-
-def test_bright_pictures_are_cut_off_and_do_not_wrap():
     white = torch.full((32, 64, 192, 3), 250, dtype=torch.uint8)
-    changed = Augmentation(dataclasses.replace(NOTHING, brightness=(1.2, 1.4)))(white, generator())
-    assert (changed == 255).all()
+    # Cut off, and not wrapped.
+    assert (Augmentation(dataclasses.replace(NOTHING, brightness=(1.2, 1.4)))(white, generator()) == 255).all()
 
 
 def test_segmentation_and_what_is_measured_stay(batch):

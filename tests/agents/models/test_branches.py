@@ -71,8 +71,3 @@ def test_no_branch_is_ever_without_a_slope(activation, command):
     assert not dead.policy_hidden.weight.grad[branch].any()
     for name, parameter in branches.named_parameters():
         assert parameter.grad[branch].abs().max() > 1e-7, name
-
-
-def test_an_activation_that_is_not_there():
-    with pytest.raises(ValueError, match="activation"):
-        Branches(8, activation="sine")

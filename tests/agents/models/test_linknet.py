@@ -17,33 +17,10 @@ def features():
 
 
 @torch.no_grad()
-def test_it_gives_logits_for_each_pixel_with_links_and_without(decoder):
-    deep, links = features()
-    assert decoder(deep).shape == decoder(deep, links).shape == (2, 11, 64, 192)
-    assert not torch.allclose(decoder(deep), decoder(deep, links))
-
-
-@torch.no_grad()
-@pytest.mark.parametrize("number", range(4))
-def test_each_link_matters(decoder, number):
+def test_it_gives_logits_for_each_pixel_and_each_link_matters(decoder):
     deep, links = features()
     before = decoder(deep, links)
-    links[number] = links[number] + 1
-    assert not torch.allclose(decoder(deep, links), before)
-
-
-def test_it_learns_a_picture_of_two_halves(decoder):
-    deep, _ = features()
-    halves = torch.zeros(2, 64, 192, dtype=torch.long)
-    halves[:, :, 96:] = 1
-    decoder.train()
-    descent = torch.optim.Adam(decoder.parameters(), lr=1e-2)
-    losses = []
-    for _ in range(12):
-        descent.zero_grad()
-        loss = torch.nn.functional.cross_entropy(decoder(deep), halves)
-        loss.backward()
-        descent.step()
-        losses.append(loss.item())
-    decoder.eval()
-    assert losses[-1] < losses[0] / 2
+    assert decoder(deep).shape == before.shape == (2, 11, 64, 192)
+    for number in range(4):
+        changed = [link + (place == number) for place, link in enumerate(links)]
+        assert not torch.allclose(decoder(deep, changed), before)

@@ -45,7 +45,7 @@ def small_lbc() -> Iterator[None]:
     """Build both agents of Learning by Cheating with one block in each stage."""
     from wrongturn_agents.models import lbc
 
-    resnet = lbc._resnet
+    resnet = lbc.new_resnet
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lbc, "_resnet", lambda channels, _, width: resnet(channels, (1, 1, 1, 1), width))
+        patch.setattr(lbc, "new_resnet", lambda channels, _, widths: resnet(channels, (1, 1, 1, 1), widths))
         yield

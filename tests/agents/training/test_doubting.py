@@ -18,6 +18,7 @@ pytest.importorskip("onnxruntime")
 
 from wrongturn_agents import resolve
 from wrongturn_agents.models.gate import MEMORY, Gate
+from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import export
 from wrongturn_agents.training.method import load
@@ -110,7 +111,8 @@ def test_the_parts_that_are_shipped_drive_as_the_whole_file(
     checkpoint: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_doubting(load(checkpoint), tmp_path / "doubting-segmentation.gate.onnx", "fp16", whole=False)
-    monkeypatch.setattr("wrongturn_agents.doubting_agent.WEIGHTS", tmp_path)
+    (tmp_path / "ppo-segmentation.onnx").symlink_to(SHIPPED_AGENTS["ppo-segmentation"].file)
+    monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
     source, in_one = resolve("doubting-segmentation"), resolve(str(whole))
     assert source.trained_on_faults
     assert in_one.trained_on_faults

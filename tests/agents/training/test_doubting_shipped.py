@@ -7,8 +7,8 @@ import pytest
 pytest.importorskip("onnxruntime")
 
 from wrongturn_agents import resolve
-from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.errors import ModelFileError
+from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
 from wrongturn_agents.training.in_process import drive_in_process
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Reaction, Track, Verdict
@@ -36,13 +36,13 @@ def test_the_sister_overrides_what_the_road_does_not_offer() -> None:
 
 
 def test_missing_weights_are_told_with_the_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("wrongturn_agents.doubting_agent.WEIGHTS", tmp_path)
+    monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
     with pytest.raises(ModelFileError, match=r"ships no weights of it; train it .*train doubting --seed 1"):
         resolve("doubting").make()
 
 
 def test_broken_weights_are_told_with_the_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("wrongturn_agents.doubting_agent.WEIGHTS", tmp_path)
+    monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
     (tmp_path / "doubting.gate.onnx").write_text("not a model")
     with pytest.raises(ModelFileError, match="weights of doubting are broken; install wrongturn-agents again"):
         resolve("doubting").make()

@@ -12,7 +12,7 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-from wrongturn_agents.onnx_runtime import load_onnxruntime
+from wrongturn_agents.onnx_agent import load_onnxruntime
 
 _WORTH: Final = 1_000
 """Tensors with fewer numbers stay as they are."""

@@ -9,10 +9,10 @@ import onnx
 import torch
 from torch import Tensor, nn
 
-from wrongturn_agents.doubting_agent import DOUBTING_AGENTS, OBEYED
+from wrongturn_agents.doubting_agent import OBEYED
 from wrongturn_agents.models.doubt import Doubt
 from wrongturn_agents.models.gate import MEMORY, Gate, GateConfig
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import Precision, facts_of
 from wrongturn_agents.training.export.quantisation import halve

@@ -5,8 +5,8 @@ from typing import Any, Final
 
 import torch
 
-from wrongturn_agents.doubting_agent import DOUBTING_AGENTS
 from wrongturn_agents.models.doubt import Doubt
+from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
 from wrongturn_agents.training.method import Loaded, Method, TrainedAgent
 from wrongturn_agents.training.methods.averaging import AveragedLearner
 from wrongturn_agents.training.methods.doubting.config import DoubtingConfig, DoubtingSegmentationConfig

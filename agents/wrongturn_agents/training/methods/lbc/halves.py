@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from wrongturn_agents.models.augmentation import Augmentation
-from wrongturn_agents.models.lbc import COMMANDS, PrivilegedAgent, SensorimotorAgent, WaypointAgent, commanded
+from wrongturn_agents.models.branches import COMMANDS
+from wrongturn_agents.models.lbc import PrivilegedAgent, SensorimotorAgent, WaypointAgent, commanded
 from wrongturn_agents.models.waypoints import SIZE, to_picture
 from wrongturn_agents.training.held_out import Evaluation
 from wrongturn_agents.training.methods.lbc.cars import Cars

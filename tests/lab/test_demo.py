@@ -1,18 +1,21 @@
 """The demo, narrowed down."""
 
 import json
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-import wrongturn_agents.demo as demo_module
+from lab import demo as demo_module
 
 
 def demo(folder, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "wrongturn_agents.demo", *arguments],
+        [sys.executable, "-m", "lab.demo", *arguments],
         cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
         capture_output=True,
         text=True,
         timeout=600,
@@ -35,10 +38,9 @@ def test_it_ranks_in_a_fresh_database(tmp_path):
     assert {entry["agent"]["kind"] for entry in leaderboard["entries"]} == {"baseline"}
 
 
-def test_a_worker_that_fails_is_told_with_its_last_words(tmp_path):
-    worker = demo_module.Worker("careful", "http://127.0.0.1:9", "smoke@2", "operator", tmp_path)
-    assert demo_module._run_all([worker]) == [worker]
-    assert "no Wrongturn service answers at http://127.0.0.1:9" in worker.tail[-1]
+def test_a_worker_that_fails_is_told_with_its_last_words():
+    failed = demo_module.drive_all(["careful"], ["--url", "http://127.0.0.1:9", "--suite", "smoke@2"], os.environ)
+    assert "no Wrongturn service answers at http://127.0.0.1:9" in failed["careful"][-1]
 
 
 def test_two_demos_do_not_share_a_folder(tmp_path):
@@ -54,12 +56,12 @@ def test_two_demos_do_not_share_a_folder(tmp_path):
         (["--agents", "careful,nobody"], "--agents: there is no agent called 'nobody'; known are parked"),
         (["--agents", ","], "--agents: names no agent"),
         (["--agents", "careful,careful"], "names an agent twice"),
-        (["--suite", "nothing@1"], "--suite: there is no suite 'nothing@1'; known are navigation@1, smoke@2"),
+        (["--suite", "nothing@1"], "--suite: 'nothing@1' is not known; there are: navigation@1, smoke@2"),
     ],
 )
 def test_mistakes_are_told_before_anything_starts(tmp_path, monkeypatch, capsys, arguments, says):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(demo_module.signal, "signal", lambda *_: None)
-    assert demo_module.main(arguments) == 2
+    with pytest.raises(SystemExit, match="2"):
+        demo_module.main(arguments)
     assert says in capsys.readouterr().err
     assert not (tmp_path / "demo").exists()

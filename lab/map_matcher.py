@@ -2,7 +2,7 @@
 
 The town, the renderer and the car are public. So an agent of the camera track can render pictures from everywhere,
 compare them with the one that it gets, and then compute where it is at every step, to a fraction of a millimetre. It
-stands beside the tests because it needs the simulation, which agents may not import.
+needs the simulation, which agents may not import.
 """
 
 import math
@@ -142,4 +142,4 @@ def _small(picture: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return a picture at half its size."""
     height, width, colours = picture.shape
     halves = picture.reshape(height // 2, 2, width // 2, 2, colours)
-    return halves.mean((1, 3), dtype=np.float32)
+    return np.asarray(halves.mean((1, 3), dtype=np.float32))
