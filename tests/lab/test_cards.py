@@ -61,13 +61,3 @@ def test_a_file_of_another_seed_than_the_results_is_refused(folder):
     (folder / "results" / "shipped.json").write_text('{"ppo-image": 4}')
     with pytest.raises(ModelFileError, match=r"it is of seed 3, and .* names seed 4"):
         made(folder)
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [("{}", "says nothing of ppo-image; write on what"), ('{"ppo-image": {"hard": 1}}', "give each agent's hardware")],
-)
-def test_facts_that_are_missing_are_asked_for(folder, text, says):
-    (folder / FACTS).write_text(text)
-    with pytest.raises(ModelFileError, match=says):
-        made(folder)

@@ -63,28 +63,11 @@ def test_a_page_shows_what_is_stored_and_the_rest_is_left_alone(tmp_path, made):
     assert text.endswith("<!-- end of results -->\nThe end.\n")
     check_page(page, made)
     assert filled(page, made) == text
-
-
-def test_a_figure_that_was_altered_is_found(tmp_path, made):
-    page = tmp_path / "README.md"
-    page.write_text(PAGE)
-    page.write_text(filled(page, made).replace("7 · 7", "0 · 0"))
+    page.write_text(text.replace("7 · 7", "0 · 0"))
     with pytest.raises(OutdatedPageError, match=r"README.md: wrong-command: does not show the stored results"):
         check_page(page, made)
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("<!-- results: order -->\n", "a section is not whole"),
-        (PAGE.replace("<!-- end of results -->\n\nWords", "Words"), "a section is not whole"),
-        (PAGE.replace("order", "disorder"), "there is no section 'disorder'"),
-    ],
-)
-def test_a_page_without_whole_sections_is_refused(tmp_path, made, text, says):
-    page = tmp_path / "README.md"
-    page.write_text(text)
-    with pytest.raises(ResultsError, match=says):
+    page.write_text("<!-- results: order -->\n")
+    with pytest.raises(ResultsError, match="a section is not whole"):
         filled(page, made)
 
 
