@@ -102,15 +102,10 @@ class ModelContract:
         Raises:
             ContractError: A control is missing, is no number, has another shape, or is not finite.
         """
-        if ACTION in self.outputs:
-            steer, throttle, brake = _values(outputs, ACTION, 3)
-        elif "accelerate" in self.outputs:
-            (steer,), (accelerate,) = _values(outputs, "steer"), _values(outputs, "accelerate")
-            throttle, brake = max(accelerate, 0.0), max(-accelerate, 0.0)
-        else:
-            (steer,), (throttle,), (brake,) = (_values(outputs, name) for name in CONTROLS[1])
-        steer, throttle, brake = np.clip((steer, throttle, brake), (-1.0, 0.0, 0.0), 1.0).tolist()
-        return Action(steer=steer, throttle=throttle, brake=brake)
+        steer, *pedals = (value for name in self.outputs if name != STATE_OUT for value in _values(outputs, name))
+        if "accelerate" in self.outputs:
+            pedals = [max(pedals[0], 0.0), max(-pedals[0], 0.0)]
+        return Action(*np.clip((steer, *pedals), (-1.0, 0.0, 0.0), 1.0).tolist())
 
     def state(self, outputs: Mapping[str, NDArray[Any]]) -> NDArray[Any] | None:
         """Return what the model wants to remember for the next step; None for a model without a memory.
@@ -150,8 +145,12 @@ def contract_of(
     inputs = {put.name: put for put in signature.inputs}
     outputs = {put.name: put for put in signature.outputs}
     observed = tuple(name for name in inputs if name != STATE_IN)
-    wrong = list(_wrong_opset(signature.opset))
+    wrong: list[str] = []
     track: Track | None = None
+    try:
+        check_opset(signature.opset)
+    except ContractError as error:
+        wrong += error.messages
     try:
         track = _track(observed, signature.metadata.get("track"), tracks, agent_track)
     except ContractError as error:
@@ -179,14 +178,9 @@ def contract_of(
 
 def check_opset(opset: int) -> None:
     """Check the opset alone: onnxruntime does not load a model of an unknown one. Raises ContractError."""
-    if wrong := list(_wrong_opset(opset)):
-        raise ContractError(*wrong)
-
-
-def _wrong_opset(opset: int) -> Iterator[str]:
     least, greatest = OPSETS
     if not least <= opset <= greatest:
-        yield f"opset: {opset}; export the model with one from {least} to {greatest}"
+        raise ContractError(f"opset: {opset}; export the model with one from {least} to {greatest}")
 
 
 def _track(
@@ -295,10 +289,10 @@ def _fits(shape: Shape, wanted: tuple[int, ...]) -> bool:
     )
 
 
-def _values(outputs: Mapping[str, NDArray[Any]], name: str, wide: int = 1) -> list[float]:
-    """Return the numbers of an output of shape (1, wide), or (1,) for a single one. Raises ContractError."""
+def _values(outputs: Mapping[str, NDArray[Any]], name: str) -> list[float]:
+    """Return the numbers of an output of shape (1, 3) for an action, else (1, 1) or (1,). Raises ContractError."""
     given = np.asarray(_given(outputs, name))
-    shapes = ((1, wide), (1,)) if wide == 1 else ((1, wide),)
+    shapes = ((1, 3),) if name == ACTION else ((1, 1), (1,))
     if given.dtype.name not in _FLOATS or given.shape not in shapes or not np.isfinite(given).all():
         shown = f"{given.tolist()}, " if given.size <= _LISTED else ""
         raise ContractError(
