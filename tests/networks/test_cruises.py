@@ -81,6 +81,7 @@ def test_near_bends_a_bend_is_ahead(name: str) -> None:
         assert len(ahead) == 1
         seen.add((lane.id, ahead[0].begin))
     assert len(seen) == 8  # both ways round each of the ring's corners
+    assert len(_drawn(load_town("junctions"), 100, near_junctions=0.0, near_bends=1.0)) == 100  # it has none
 
 
 def test_elsewhere_every_metre_comes_as_often(town: Town) -> None:
@@ -125,10 +126,6 @@ def test_only_a_cruise_may_start_inside_a_junction() -> None:
     trial = _drawn(town, 1, near_junctions=0.0, near_bends=0.0, inside_junctions=1.0)[0]
     with pytest.raises(ValidationError, match=r"start\.distance: .*only a cruise"):
         Trial.model_validate(trial.model_dump() | {"journey": None})
-
-
-def test_a_town_without_bends_has_cruises_all_the_same() -> None:
-    assert len(_drawn(load_town("junctions"), 100, near_junctions=0.0, near_bends=1.0)) == 100
 
 
 def test_offsets_headings_and_speeds() -> None:

@@ -118,125 +118,106 @@ KEYS = (
     "speed, steering, command; also camera: rgb; segmentation: rgb, segmentation; privileged: pose, lane, stop_line, "
     "exits, exits_mask, road_users, road_users_count"
 )
-MESSAGES = {
-    **{
-        f"opset {opset}": (
-            signature(opset=opset),
-            f"opset: {opset}; export the model with one from {OPSETS[0]} to {OPSETS[1]}",
-        )
+BREACHES = [
+    *(
+        (signature(opset=opset), f"opset: {opset}; export the model with one from {OPSETS[0]} to {OPSETS[1]}")
         for opset in (OPSETS[0] - 1, OPSETS[1] + 1)
-    },
-    "unknown input": (
-        signature((SPEED, control("velocity"))),
-        f"inputs: velocity: no such observation key; the keys are {KEYS}",
     ),
-    "keys of two tracks": (
+    (signature((SPEED, control("velocity"))), f"inputs: velocity: no such observation key; the keys are {KEYS}"),
+    (
         signature((RGB, TensorSpec("pose", "float64", (1, 3)))),
         f"inputs: no track has all of these; take the keys of one track: {KEYS}",
     ),
-    "key that the named track lacks": (
+    (
         signature(metadata={"track": "privileged"}),
         "inputs: the metadata's track privileged does not have rgb; remove track from the metadata, or let it be "
         "camera or segmentation",
     ),
-    "neither true nor false": (
-        signature(metadata={"trained_on_faults": "maybe"}),
-        "metadata trained_on_faults: maybe; write true or false",
-    ),
-    "no word for true": (
-        signature(metadata={"trained_on_faults": ""}),
-        "metadata trained_on_faults: empty; write true or false",
-    ),
-    "unknown track": (
+    (signature(metadata={"trained_on_faults": "maybe"}), "metadata trained_on_faults: maybe; write true or false"),
+    (signature(metadata={"trained_on_faults": ""}), "metadata trained_on_faults: empty; write true or false"),
+    (
         signature(metadata={"track": "sonar"}),
         "metadata track: sonar is none of state, camera, segmentation, privileged",
     ),
-    "type of an input": (
+    (
         signature((TensorSpec("rgb", "float32", (1, 64, 192, 3)),)),
         "input rgb: takes float32; let it take uint8, and convert it to float32 in the graph",
     ),
-    "another type of an input": (
+    (
         signature((TensorSpec("command", "int32", (1, 1)),)),
         "input command: takes int32; let it take int64, as observations have it",
     ),
-    "shape of a picture": (
+    (
         signature((TensorSpec("rgb", "uint8", (1, 3, 64, 192)),)),
         "input rgb: takes (1, 3, 64, 192); let it take (N, 64, 192, 3), where N is a batch axis of 1 or free, "
         "and transpose it in the graph",
     ),
-    "no batch axis": (
+    (
         signature((TensorSpec("speed", "float32", (1,)),)),
         "input speed: takes (1,); let it take (N, 1), where N is a batch axis of 1 or free",
     ),
-    "no outputs": (
+    (
         signature(outputs=()),
         "outputs: none; the contract wants steer and accelerate; or steer, throttle and brake; or action",
     ),
-    "other outputs": (
+    (
         signature(outputs=(control("control"),)),
         "outputs: control; the contract wants steer and accelerate; or steer, throttle and brake; or action",
     ),
-    "two ways at once": (
+    (
         signature(outputs=(STEER, ACCELERATE, control("action", ("N", 3)))),
         "outputs: steer, accelerate, action; the contract wants steer and accelerate; or steer, throttle and brake; "
         "or action",
     ),
-    "type of an output": (
-        signature(outputs=(control("steer", dtype="int64"), ACCELERATE)),
-        "output steer: is int64; let it be float32",
-    ),
-    "an output that is no tensor": (
+    (signature(outputs=(control("steer", dtype="int64"), ACCELERATE)), "output steer: is int64; let it be float32"),
+    (
         signature(outputs=(control("steer", (), "seq(tensor(float))"), ACCELERATE)),
         "output steer: is seq(tensor(float)); let it be float32",
     ),
-    "shape of an output": (
+    (
         signature(outputs=(STEER, control("accelerate", ("batch", 2)))),
         "output accelerate: is (batch, 2); let it be (N, 1), where N is the batch axis",
     ),
-    "shape of action": (
+    (
         signature(outputs=(control("action", (1, 2)),)),
         "output action: is (1, 2); let it be (N, 3), where N is the batch axis",
     ),
-    "state that is not given": (
-        signature((SPEED, STATE_IN)),
-        "state_in: there is no output state_out; a model with a memory has both",
-    ),
-    "state that is not taken": (
+    (signature((SPEED, STATE_IN)), "state_in: there is no output state_out; a model with a memory has both"),
+    (
         signature(outputs=(STEER, ACCELERATE, STATE_OUT)),
         "state_out: there is no input state_in; a model with a memory has both",
     ),
-    "type of the state": (
+    (
         signature((TensorSpec("state_in", "float64", (1, 8)),), (STEER, ACCELERATE, STATE_OUT)),
         "input state_in: is float64; let it be float32",
     ),
-    "batch of the state": (
+    (
         signature(
             (TensorSpec("state_in", "float32", (2, 1, 8)),), (STEER, ACCELERATE, control("state_out", (1, 1, 8)))
         ),
         "input state_in: is (2, 1, 8); let it begin with a batch axis of 1, or a free one",
     ),
-    "free state": (
+    (
         signature((TensorSpec("state_in", "float32", (1, 8)),), (STEER, ACCELERATE, control("state_out", (1, "M")))),
         "output state_out: is (1, M); give every axis after the batch axis a fixed size; "
         "state_out: is (1, M) and state_in is (1, 8); give both the same shape",
     ),
-    "large state": (
+    (
         signature(
             (TensorSpec("state_in", "float32", (1, 2, 131_073)),),
             (STEER, ACCELERATE, control("state_out", (1, 2, 131_073))),
         ),
         "input state_in: takes 1048584 bytes; a state has at most 1048576, so remember less",
     ),
-    "states that differ": (
+    (
         signature((STATE_IN,), (STEER, ACCELERATE, control("state_out", (1, 9)))),
         "state_out: is (1, 9) and state_in is (1, 8); give both the same shape",
     ),
-}
+]
 
 
-@pytest.mark.parametrize("case", list(MESSAGES))
-def test_each_breach_is_named_with_its_remedy(case: str):
-    broken, says = MESSAGES[case]
+@pytest.mark.parametrize(("broken", "says"), BREACHES, ids=[says for _, says in BREACHES])
+def test_each_breach_is_named_with_its_remedy(broken: ModelSignature, says: str):
     assert refusal(broken) == says
 
 

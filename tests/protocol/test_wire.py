@@ -151,13 +151,10 @@ def test_the_pages_example_is_what_is_answered() -> None:
     assert wire.join_results(7, packed) == _bytes_of_page("reply")
 
 
-def test_the_page_tells_where_each_array_lies() -> None:
+def test_the_page_tells_where_each_array_lies_and_names_each_call() -> None:
+    for call in wire.Call:
+        assert f'| `["{call.value}", ' in PAGE
     for track in Track:
         told = wire.layout(track)
         arrays = ", ".join(f"{part.offset} `{part.name}`" for part in told.parts)
         assert f"| `{track.value}` | {told.size:,} | {arrays} |" in PAGE
-
-
-def test_the_page_names_each_call() -> None:
-    for call in wire.Call:
-        assert f'| `["{call.value}", ' in PAGE
