@@ -17,6 +17,7 @@ NetworkError
 """
 
 from collections.abc import Iterable
+from typing import ClassVar
 
 from wrongturn_protocol.suggestions import did_you_mean
 
@@ -28,7 +29,11 @@ class NetworkError(ValueError):
 class UnknownNameError(NetworkError):
     """An unknown name. The message lists the known ones, and the one that may be meant."""
 
-    what = "name"
+    what: ClassVar[str]
+    """What has the name, such as ``town``: each subclass says it."""
+
+    def __init_subclass__(cls, what: str) -> None:
+        cls.what = what
 
     def __init__(self, name: str, known: Iterable[str], field: str | None = None) -> None:
         self.name = name
@@ -38,34 +43,24 @@ class UnknownNameError(NetworkError):
         super().__init__(f"{field or self.what}: {name!r} is not known; there are: {shown or 'none'}{meant}")
 
 
-class UnknownTownError(UnknownNameError):
+class UnknownTownError(UnknownNameError, what="town"):
     """No town has this name."""
 
-    what = "town"
 
-
-class UnknownApproachError(UnknownNameError):
+class UnknownApproachError(UnknownNameError, what="approach"):
     """The town has no such approach."""
 
-    what = "approach"
 
-
-class UnknownLaneError(UnknownNameError):
+class UnknownLaneError(UnknownNameError, what="lane"):
     """The town has no such car lane."""
 
-    what = "lane"
 
-
-class UnknownSuiteError(UnknownNameError):
+class UnknownSuiteError(UnknownNameError, what="suite"):
     """No suite has this name and version."""
 
-    what = "suite"
 
-
-class UnknownTrialError(UnknownNameError):
+class UnknownTrialError(UnknownNameError, what="trial"):
     """The suite has no such trial."""
-
-    what = "trial"
 
 
 class FaultNotApplicableError(NetworkError):

@@ -91,8 +91,7 @@ def read_town(directory: Path) -> Town:
 def _check(file: str, found: str, wanted: str) -> None:
     if found != wanted:
         raise CorruptFileError(
-            f"town: {file} does not match its manifest; install its package again, "
-            "or build the town again: python -m wrongturn_networks.making"
+            f"town: {file} does not match its manifest; install its package again, or build the town again"
         )
 
 

@@ -55,7 +55,7 @@ def read_scenery(path: Path) -> tuple[SceneryObject, ...]:
         rows = tomllib.loads(path.read_text("utf-8")).get("object", [])
         return tuple(SceneryObject(**{**row, "kind": SceneryKind(row["kind"])}) for row in rows)
     except (OSError, AttributeError, TypeError, ValueError, KeyError) as error:
-        raise CorruptFileError(f"{path.name}: {error}; build it again: python -m wrongturn_networks.making") from error
+        raise CorruptFileError(f"{path.name}: {error}; build the town again") from error
 
 
 def sha256_of_scenery(path: Path) -> str:
