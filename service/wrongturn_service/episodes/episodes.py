@@ -121,7 +121,7 @@ class Episodes:
             episode.heard = self.clock()
             if episode.closed:
                 return await self._stored_step(caller, episode_id, request.seq, action, encoding)
-            if refusals.check_step(episode, caller.holder, request.seq):
+            if refusals.check_step(episode, request.seq):
                 if not episode.counts:
                     # Noted before the step. False if the evaluation was closed before that.
                     episode.counts = await self._store.drive_evaluation(str(episode.evaluation))

@@ -6,17 +6,12 @@ from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundErro
 from wrongturn_service.simulators.interface import Action
 
 
-def check_step(episode: OpenEpisode, holder: str, seq: int) -> bool:
+def check_step(episode: OpenEpisode, seq: int) -> bool:
     """Return True for the next step of an open episode, False for a repeat of the last one.
 
-    HTTP and the WebSocket use these rules. ``holder`` is who sends the step: an agent, or the submission whose runner
-    does.
-
     Raises:
-        ForbiddenError: The episode belongs to another agent.
         ConflictError: The episode is over, or ``seq`` is neither the last number nor the next.
     """
-    check_holder(holder, episode)
     if seq == episode.seq:
         return False
     if episode.end is not None:
