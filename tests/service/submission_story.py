@@ -12,7 +12,7 @@ from app_harness import application, play, register
 from clocked_service import ClockedService
 from fake_pool import FakePool
 from model_form import TYPE, model
-from service_harness import OPERATOR, expect
+from service_harness import COAST, OPERATOR, expect
 from typing_extensions import override
 
 from wrongturn_networks import load_suite
@@ -129,6 +129,16 @@ async def looked_at(service: Service, submission: str, track: Track = Track.CAME
 async def running(http: httpx.AsyncClient, submission: str) -> tuple[str, str]:
     """Play the begin of a drive; the evaluation and the token of its runner."""
     return await begun(service_of(http), submission)
+
+
+async def driven(http: httpx.AsyncClient, submission: str) -> str:
+    """Play a check, the begin of a drive and one step; the evaluation."""
+    await checked(http, submission)
+    evaluation, token = await running(http, submission)
+    runner = {"Authorization": f"Bearer {token}"}
+    episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=runner), 201)["id"]
+    expect(await http.post(f"/v1/episodes/{episode}/step", json={"seq": 1, "action": COAST}, headers=runner), 200)
+    return evaluation
 
 
 async def begun(service: Service, submission: str) -> tuple[str, str]:

@@ -10,8 +10,7 @@ from app_harness import play
 from model_form import model
 from service_harness import expect, problem
 from sqlalchemy import update
-from submission_story import checked, hand_in, handing_in, running, service_of, story
-from test_submissions import bearer
+from submission_story import checked, driven, hand_in, handing_in, running, service_of, story
 
 from wrongturn_protocol import SubmissionState
 from wrongturn_service.storage.backup import back_up, restore
@@ -60,12 +59,7 @@ async def test_models_and_logs_are_kept_for_some_days(http: httpx.AsyncClient, t
     names = ("old", "new", "open", "useless")
     ids = {name: expect(await hand_in(http, model(name=name)), 202)["id"] for name in names}
     for name in ("old", "new"):
-        await checked(http, ids[name])
-        evaluation, token = await running(http, ids[name])
-        reset = await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=bearer(token))
-        step = {"seq": 1, "action": {"steer": 0.0, "throttle": 0.0, "brake": 0.0}}
-        path = f"/v1/episodes/{expect(reset, 201)['id']}/step"
-        expect(await http.post(path, json=step, headers=bearer(token)), 200)
+        await driven(http, ids[name])
         await submissions.end(ids[name], SubmissionState.FAILED, "as the test wants")
     await _age(submissions.rows, ids["old"], 3.1)
     # The service died before it could delete the model.
@@ -102,17 +96,11 @@ def test_a_restored_submission_without_its_model_has_failed(tmp_path: Path) -> N
             for name in ("queued", "checked", "running", "driven", "kept"):
                 ids[name] = expect(await hand_in(http, model(name=name)), 202)["id"]
             ids["ada"] = http.headers["Authorization"].removeprefix("Bearer ")
-            for name in ("checked", "running", "driven"):
+            for name in ("checked", "running"):
                 await checked(http, ids[name])
             await service_of(http).submissions.rows.set_state(ids["checked"], SubmissionState.CHECKED)
-            for name in ("running", "driven"):
-                evaluation, token = await running(http, ids[name])
-                reset = await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=bearer(token))
-                episode = expect(reset, 201)["id"]
-                if name == "driven":
-                    step = {"seq": 1, "action": {"steer": 0.0, "throttle": 0.0, "brake": 0.0}}
-                    path = f"/v1/episodes/{episode}/step"
-                    expect(await http.post(path, json=step, headers=bearer(token)), 200)
+            await running(http, ids["running"])
+            await driven(http, ids["driven"])
             back_up(url, tmp_path / "backup")
 
     async def after() -> None:
@@ -135,17 +123,17 @@ def test_a_restored_submission_without_its_model_has_failed(tmp_path: Path) -> N
             for name in ("queued", "checked", "running"):
                 expect(await hand_in(http, model(name=name)), 202)
             problem(await hand_in(http, model(name="driven")), 409, "agent-name-taken")
-            driven = next(row for row in listed if row["name"] == "driven")
-            assert driven["finished"] == 0
-            assert driven["episodes"] > 0
-            assert expect(await http.get(f"/v1/evaluations/{driven['evaluation']}"), 200)["state"] == "finished"
+            closed = next(row for row in listed if row["name"] == "driven")
+            assert closed["finished"] == 0
+            assert closed["episodes"] > 0
+            assert expect(await http.get(f"/v1/evaluations/{closed['evaluation']}"), 200)["state"] == "finished"
 
     play(before)
     play(after)
 
 
-@pytest.mark.parametrize("driven", [False, True])
-def test_an_end_that_was_cut_off_is_made_up_for_at_the_start(tmp_path: Path, driven: bool) -> None:
+@pytest.mark.parametrize("drives", [False, True])
+def test_an_end_that_was_cut_off_is_made_up_for_at_the_start(tmp_path: Path, drives: bool) -> None:
     """The service dies between the state and the rest: the evaluation is closed, or the agent deleted, later."""
     ids: dict[str, str] = {}
 
@@ -153,13 +141,10 @@ def test_an_end_that_was_cut_off_is_made_up_for_at_the_start(tmp_path: Path, dri
         async with handing_in(tmp_path) as http:
             ids["ada"] = http.headers["Authorization"].removeprefix("Bearer ")
             ids["submission"] = expect(await hand_in(http), 202)["id"]
-            await checked(http, ids["submission"])
-            if driven:
-                ids["evaluation"], token = await running(http, ids["submission"])
-                path = f"/v1/evaluations/{ids['evaluation']}/episodes"
-                episode = expect(await http.post(path, headers=bearer(token)), 201)["id"]
-                step = {"seq": 1, "action": {"steer": 0.0, "throttle": 0.0, "brake": 0.0}}
-                expect(await http.post(f"/v1/episodes/{episode}/step", json=step, headers=bearer(token)), 200)
+            if drives:
+                ids["evaluation"] = await driven(http, ids["submission"])
+            else:
+                await checked(http, ids["submission"])
             rows = service_of(http).submissions.rows
             assert await rows.set_state(ids["submission"], SubmissionState.CANCELLED, reason="cut off")
 
@@ -167,7 +152,7 @@ def test_an_end_that_was_cut_off_is_made_up_for_at_the_start(tmp_path: Path, dri
         async with handing_in(tmp_path, ids["ada"]) as http:
             shown = expect(await http.get(f"/v1/submissions/{ids['submission']}"), 200)
             assert (shown["state"], shown["reason"]) == ("cancelled", "cut off")
-            if driven:
+            if drives:
                 assert expect(await http.get(f"/v1/evaluations/{ids['evaluation']}"), 200)["state"] == "finished"
                 problem(await hand_in(http), 409, "agent-name-taken")
             else:
