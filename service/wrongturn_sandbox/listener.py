@@ -9,9 +9,9 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Final, NoReturn
@@ -22,18 +22,9 @@ from wrongturn_sandbox.frames import packed, send
 GUEST: Final = (sys.executable, "-s", "-P", "-m", "wrongturn_sandbox", "--guest")
 """Command line of a guest, without its file descriptor."""
 _MODE: Final = 0o660
+_LEAVING_S: Final = 1.0
+"""Seconds in which a guest whose host has left makes room for another."""
 _LOG: Final = logging.getLogger(__name__)
-
-
-@dataclass
-class _Guest:
-    process: subprocess.Popen[bytes]
-    ended: int
-    """File descriptor that can be read once the process has ended."""
-    connection: socket.socket
-    """Its host. Kept to notice when the host leaves, and to tell it how the guest ended."""
-    leaving: bool = False
-    """Whether its host has left, so that it ends in a moment."""
 
 
 class Listener:
@@ -52,53 +43,40 @@ class Listener:
         self._path = path
         self._most = most
         self._command = command
-        self._guests: dict[int, _Guest] = {}
-        self._poll = select.poll()
+        self._free = threading.Semaphore(most)
         self._socket = _listen(path)
 
     def run(self) -> None:
-        """Serve until SIGTERM or SIGINT comes, then end all guests and remove the socket."""
+        """Serve until SIGTERM or SIGINT comes, then remove the socket. The guests end with their threads."""
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, _stop)
-        self._poll.register(self._socket, select.POLLIN)
         _LOG.info("listening at %s for at most %d sandboxes", self._path, self._most)
         try:
             while True:
-                ready = [descriptor for descriptor, _ in self._poll.poll()]
-                for descriptor in ready:
-                    self._attend(descriptor)
-                if self._socket.fileno() in ready:
-                    self._accept()
+                try:
+                    connection, _ = self._socket.accept()
+                except OSError as error:
+                    _LOG.warning("cannot accept: %s", error)
+                    time.sleep(0.1)
+                    continue
+                threading.Thread(target=self._serve, args=(connection,), daemon=True).start()
         finally:
-            for guest in self._guests.values():
-                guest.process.kill()
-                guest.process.wait()
             self._socket.close()
             self._path.unlink(missing_ok=True)
 
-    def _attend(self, descriptor: int) -> None:
-        for guest in list(self._guests.values()):
-            if descriptor == guest.ended:
-                self._bury(guest)
-            elif descriptor == guest.connection.fileno():
-                self._poll.unregister(guest.connection)
-                guest.leaving = True
-                guest.process.kill()
+    def _serve(self, connection: socket.socket) -> None:
+        with connection:
+            if not self._free.acquire(timeout=_LEAVING_S):
+                _tell(connection, {"busy": f"all {self._most} sandboxes of the runner container are taken"})
+                return
+            try:
+                last_word = self._hold_guest(connection)
+            finally:
+                self._free.release()
+            _tell(connection, last_word)
 
-    def _accept(self) -> None:
-        if len(self._guests) >= self._most and any(guest.leaving for guest in self._guests.values()):
-            self._poll.unregister(self._socket)  # the host waits for the place of one that leaves
-            return
-        try:
-            connection, _ = self._socket.accept()
-        except OSError as error:
-            _LOG.warning("cannot accept: %s", error)
-            time.sleep(0.1)
-            return
-        if len(self._guests) >= self._most:
-            _tell(connection, {"busy": f"all {self._most} sandboxes of the runner container are taken"})
-            connection.close()
-            return
+    def _hold_guest(self, connection: socket.socket) -> dict[str, object]:
+        """Start a guest, and end it when its host leaves. Return what the host is told at the end."""
         try:
             process = subprocess.Popen(  # noqa: S603 - the command is our own
                 [*self._command, str(connection.fileno())],
@@ -110,24 +88,17 @@ class Listener:
             )
         except OSError as error:
             _LOG.warning("cannot start a guest: %s", error)
-            _tell(connection, {"unavailable": "the runner container cannot start a process; look at its log"})
-            connection.close()
-            return
+            return {"unavailable": "the runner container cannot start a process; look at its log"}
         ended = os.pidfd_open(process.pid)
-        self._guests[process.pid] = _Guest(process, ended, connection)
-        self._poll.register(ended, select.POLLIN)
-        self._poll.register(connection, select.POLLRDHUP)
-
-    def _bury(self, guest: _Guest) -> None:
-        del self._guests[guest.process.pid]
-        status = guest.process.wait()
-        self._poll.register(self._socket, select.POLLIN)
-        self._poll.unregister(guest.ended)
-        os.close(guest.ended)
-        with contextlib.suppress(KeyError):
-            self._poll.unregister(guest.connection)
-        _tell(guest.connection, {"ended": status})
-        guest.connection.close()
+        try:
+            watch = select.poll()
+            watch.register(ended, select.POLLIN)
+            watch.register(connection, select.POLLRDHUP)
+            watch.poll()
+        finally:
+            os.close(ended)
+        process.kill()
+        return {"ended": process.wait()}
 
 
 def _stop(_number: int, _frame: FrameType | None) -> NoReturn:

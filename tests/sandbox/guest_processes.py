@@ -10,7 +10,8 @@ from pathlib import Path
 
 def children(pid: int) -> list[int]:
     """Return the processes that a process has started, and theirs."""
-    found = [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    threads = Path(f"/proc/{pid}/task").glob("*/children")
+    found = [int(child) for thread in threads for child in thread.read_text().split()]
     return [*found, *(later for child in found for later in children(child))]
 
 
