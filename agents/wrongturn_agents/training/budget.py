@@ -11,25 +11,15 @@ NO_LIMIT: Final = 10**12
 
 
 class Budget:
-    """Steps and minutes that a run may take.
+    """Steps that a run may take, and minutes of the wall clock for everything; None does not count.
 
-    A resumed run continues with what it had used. Learning depends on the clock only if minutes are given.
-
-    Args:
-        steps: environment steps; None if only the minutes count.
-        minutes: wall clock from now on, for everything: pretraining, compiling and evaluations.
-        used: seconds that the run used before it was interrupted.
-        clock: monotonic clock, in seconds.
+    A resumed run continues with the seconds that it had used. Learning depends on the clock only if minutes are given.
     """
 
     def __init__(
-        self,
-        steps: int | None,
-        minutes: float | None,
-        *,
-        used: float = 0.0,
+        self, steps: int | None, minutes: float | None, *, used: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if steps is None and minutes is None:
             raise TrainingError("steps: give steps, minutes or both; a run must end")
         for name, value in (("steps", steps), ("minutes", minutes)):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
-from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -65,7 +65,6 @@ def drive_trials(
     *,
     track: Track | str,
     device: torch.device | str = "cpu",
-    backend: Literal["cpu", "cuda"] | None = None,
     threads: int = 1,
     batch: int | None = None,
     patience: float | None = None,
@@ -80,8 +79,7 @@ def drive_trials(
         models: networks that drive with their mean actions, in float32. One that remembers gets its memory back.
         trials: trials in any towns. Those with other road users drive beside the batch's own traffic, not SUMO's.
         track: track whose observations the models get.
-        device: device of the models.
-        backend: where pictures are rendered; the kind of ``device`` by default.
+        device: device of the models and of the pictures.
         threads: threads that share the simulation.
         batch: number of cars at once; by default 16 on the CPU and 256 on CUDA.
         patience: a drive is given up after its car stood still for this long without being blocked,
@@ -99,17 +97,16 @@ def drive_trials(
         "own_traffic": FleetTraffic(),
         "threads": threads,
         "strict": strict,
-        **({"backend": "cuda"} if (backend or device.type) == "cuda" else {}),
+        **({"backend": "cuda"} if device.type == "cuda" else {}),
     }
     width = batch or (256 if device.type == "cuda" else 16)
     assigned = [_Assignment(model, trial) for model in models for trial in trials]
-    found: list[DrivenTrial | None] = [None] * len(assigned)
+    found: dict[int, DrivenTrial] = {}
     by_town = sorted(range(len(assigned)), key=lambda i: assigned[i].trial.town)
     for town, numbers in groupby(by_town, key=lambda i: assigned[i].trial.town):
-        for i, driven in _in_town(town, list(numbers), assigned, device, width, patience, stop, options):
-            found[i] = driven
-    ended = [driven for driven in found if driven is not None]
-    return [ended[i * len(trials) : (i + 1) * len(trials)] for i in range(len(models))]
+        found |= _in_town(town, list(numbers), assigned, device, width, patience, stop, options)
+    count = len(trials)
+    return [[found[i * count + k] for k in range(count)] for i in range(len(models))]
 
 
 class _Assignment(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any
 
 from wrongturn_agents.training.drive import AnyModel, DrivenTrial, drive_trials
 from wrongturn_networks import draw_journey, load_town
-from wrongturn_protocol import TRAINING_WEATHERS, Journey, Task, Traffic, Trial, Verdict
+from wrongturn_protocol import TRAINING_WEATHERS, Task, Traffic, Trial, Verdict
 
 _SEEDS = 2**40
 """First seed of these journeys, far above the suites' seeds."""
@@ -26,14 +26,12 @@ def held_out_journeys(count: int, town: str = "Town01") -> list[Trial]:
 
 def with_traffic(journeys: Sequence[Trial]) -> list[Trial]:
     """Return the same journeys with as many other road users as in CoRL 2017's *dynamic navigation*."""
-    return [
-        journey.model_copy(update={"id": f"{journey.id}.traffic", "traffic": _TRAFFIC, "journey": _dynamic(journey)})
-        for journey in journeys
-    ]
 
+    def beside(trial: Trial) -> Trial:
+        journey = trial.journey and trial.journey.model_copy(update={"task": Task.NAVIGATION_DYNAMIC})
+        return trial.model_copy(update={"id": f"{trial.id}.traffic", "traffic": _TRAFFIC, "journey": journey})
 
-def _dynamic(trial: Trial) -> Journey | None:
-    return trial.journey and trial.journey.model_copy(update={"task": Task.NAVIGATION_DYNAMIC})
+    return [beside(journey) for journey in journeys]
 
 
 def shortest(journeys: list[Trial], count: int) -> list[Trial]:
@@ -85,11 +83,8 @@ class Evaluation:
             models: the agents.
             trials: journeys that each agent drives.
             stop: called before each decision; True gives up the drives that have not ended.
-            least: least number of journeys, of those alone and of those beside traffic; all by default.
+            least: number of journeys, alone and beside traffic, below which there is no result; all by default.
             options: arguments of :func:`~wrongturn_agents.training.drive.drive_trials`.
-
-        Returns:
-            One for each agent; None if ``stop`` left fewer journeys than the least.
         """
         driven = drive_trials(models, trials, stop=stop, **options)
         ended = [k for k in range(len(trials)) if not any(drives[k].stopped for drives in driven)]
@@ -164,9 +159,12 @@ class Candidates:
         model = _copy(candidate.model) if candidate.model is self._model else candidate.model
         self.best = Candidate(model, candidate.steps, candidate.reward, evaluation)
 
-    def begin_anew(self) -> None:
-        """Forget the promising agent after its evaluation."""
-        self.promising = None
+    def restore(self, told: dict[str, Any]) -> None:
+        """Take the best agent of a run's checkpoint as the best."""
+        kept = _copy(self._model)
+        kept.load_state_dict(told["state_dict"])
+        evaluation = Evaluation(**told["evaluation"]) if told["evaluation"] else None
+        self.best = Candidate(kept, told["steps"], evaluation=evaluation)
 
 
 def _copy(model: Any) -> Any:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import groupby
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -12,13 +12,10 @@ from numpy.typing import NDArray
 from wrongturn_agents.agent import Agent
 from wrongturn_agents.registry import AgentSource
 from wrongturn_client.episode_calls import action_of
-from wrongturn_judge import THRESHOLDS
 from wrongturn_protocol import Outcome, Trial
 from wrongturn_protocol.observations import Observation
 from wrongturn_sim import FleetTraffic, Trajectory, WrongturnVectorEnv
 
-VERSION: Final = THRESHOLDS.version
-"""Version of the thresholds that judge the drives."""
 _BRAKE = (0.0, 0.0, 1.0)
 _PER_SECOND = 10
 """Decisions in a second."""

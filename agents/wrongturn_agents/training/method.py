@@ -1,7 +1,7 @@
 """What a training method is, and which ones are installed."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -74,12 +74,7 @@ class Method(ABC):
 
     @abstractmethod
     def build(self, settings: Any, algorithm: str) -> nn.Module:
-        """Return an untrained agent on the CPU, with first weights from torch's random state.
-
-        Args:
-            settings: its settings.
-            algorithm: name of one of :attr:`agents`.
-        """
+        """Return an untrained agent, one of :attr:`agents`, on the CPU. Torch's random state gives its weights."""
 
     @abstractmethod
     def learn(self, run: "Run") -> None:
@@ -137,8 +132,9 @@ def load(checkpoint: Path | str, device: torch.device | str = "cpu") -> Loaded:
     Raises:
         TrainingError: the file is missing, damaged, or of a method that is not installed.
     """
-    told = load_checkpoint(checkpoint)
-    for method in _methods_of(told["algorithm"]):
+    told, points = load_checkpoint(checkpoint), _points()
+    for name in sorted(points, key=lambda name: not told["algorithm"].startswith(name)):  # the likeliest first
+        method = _loaded(points[name])
         for agent in method.agents:
             if agent.name == told["algorithm"]:
                 try:
@@ -152,13 +148,6 @@ def load(checkpoint: Path | str, device: torch.device | str = "cpu") -> Loaded:
 
 def _points() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=METHODS)}
-
-
-def _methods_of(algorithm: str) -> Iterator[Method]:
-    """Yield the methods that may train an agent, the likeliest first."""
-    points = _points()
-    for name in sorted(points, key=lambda name: not algorithm.startswith(name)):
-        yield _loaded(points[name])
 
 
 def _loaded(point: EntryPoint) -> Method:

@@ -21,17 +21,7 @@ def record_observations(track: Track | str, number: int, *, seed: int = 0, town:
     They start beside the lane's centre, askew and at any speed, mostly near junctions and bends, in the training
     weathers. They restart after they leave the road. So they see the road from everywhere that a driver can get to.
 
-    Args:
-        track: track of the observations.
-        number: number of observations, at least 1.
-        seed: seed of starts, weathers, commands and steering. The same arguments give the same observations.
-        town: name of the town.
-
-    Returns:
-        One array (``number``, ...) for each key of the track.
-
-    Raises:
-        ValueError: the number is below 1.
+    The same arguments give the same observations: one array (``number``, ...) for each key of the track.
     """
     if number < 1:
         raise ValueError(f"number: is {number}; record 1 observation or more")

@@ -3,7 +3,6 @@
 ``train("ppo-segmentation", directory=...)`` begins one, as ``wrongturn train`` does. A method gets a :class:`Run`.
 """
 
-import copy
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -25,7 +24,6 @@ from wrongturn_agents.training.drive import AnyModel
 from wrongturn_agents.training.driving_env import VERDICTS
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.held_out import (
-    Candidate,
     Candidates,
     Evaluation,
     held_out_journeys,
@@ -65,7 +63,7 @@ def train(
 
     The directory then holds ``best.pt``, ``state.pt`` (to resume from), ``progress.csv``, ``config.json``,
     ``tensorboard/`` and what else the method leaves. A resumed run continues with its weights, optimiser, random state,
-    schedule and steps. Its cars start new drives, with seeds drawn from the run's seed and steps.
+    schedule and steps, and with new drives.
 
     Args:
         algorithm: name of a method.
@@ -157,12 +155,9 @@ class Run:
         return self.budget.over(steps)
 
     def open(self, steps: int = 0, *, file: str = "progress.csv", part: str | None = None) -> None:
-        """Begin to learn: the schedule begins now, and rows go to a file.
+        """Begin to learn, after the steps of an interrupted run: the schedule begins now, and rows go to a file.
 
-        Args:
-            steps: steps before, of an interrupted run.
-            file: name of the file.
-            part: name of this part of the run, for the screen.
+        ``part`` names this part of the run on the screen.
         """
         self._part = part
         self.budget.begun = self.state["begun"] if self.state else self.budget.used
@@ -171,13 +166,7 @@ class Run:
         self.stopwatch.lap()
 
     def row(self, steps: int, evaluation: Evaluation | None = None, **figures: Any) -> None:
-        """Write a row of progress: to the file, to TensorBoard and to the screen.
-
-        Args:
-            steps: steps of the run so far.
-            evaluation: of the agent as it is now.
-            figures: figures of the method, by column.
-        """
+        """Write a row of progress, with the method's figures by column: to the file, TensorBoard and the screen."""
         seconds = self.stopwatch.lap()
         whole = seconds.pop("whole")
         ended = self._verdicts.total()
@@ -216,10 +205,7 @@ class Run:
             agents: the agents.
             last: drive all journeys, instead of the shortest ones.
             track: track of their observations; the settings' by default.
-            stop: returns whether to give up; by default when the minutes are used.
-
-        Returns:
-            One for each agent; None if too few journeys were over in time.
+            stop: returns whether to give up, which leaves None; by default when the minutes are used.
         """
         settings, begin = self.settings, time.monotonic()
         trials = self._journeys if last else self.brief
@@ -245,10 +231,10 @@ class Run:
         self, file: str, agent: nn.Module, steps: int, evaluation: Any = None, *, algorithm: str | None = None,
         halved: bool = False,
     ) -> None:  # fmt: skip
-        """Write a checkpoint.
+        """Write a checkpoint; ``best.pt`` is what the run returns.
 
         Args:
-            file: name of the file: ``best.pt`` is what the run returns.
+            file: name of the file.
             agent: the agent.
             steps: steps that it learned from.
             evaluation: an :class:`Evaluation`, or a dict of figures.
@@ -274,11 +260,7 @@ class Run:
 
     @contextmanager
     def restoring(self) -> Iterator[dict[str, Any]]:
-        """Give the state to continue from, and report one that does not fit.
-
-        Raises:
-            TrainingError: the block failed on it.
-        """
+        """Give the state to continue from, and report that it does not fit if the block fails on it."""
         try:
             yield self.state or {}
         except (RuntimeError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -294,22 +276,13 @@ class Run:
         return int(self.state["steps"]) if self.state else 0
 
     def begin(self, agent: nn.Module, state: Callable[[], dict[str, Any]] = dict) -> None:
-        """Begin to learn.
-
-        Args:
-            agent: the agent that learns, on the device.
-            state: returns what the run needs to continue, beside its steps.
-        """
+        """Begin to learn. ``state`` returns what the run needs to continue, beside its steps."""
         self._agent, self._state = agent, state
         self._candidates = Candidates(agent)
         if self.state is not None:
             self._evaluated_at = self.state["evaluated_at"]
             if (self.folder / BEST).is_file():
-                told = load_checkpoint(self.folder / BEST)
-                kept = copy.deepcopy(agent).eval().requires_grad_(False)
-                kept.load_state_dict(told["state_dict"])
-                evaluation = Evaluation(**told["evaluation"]) if told["evaluation"] else None
-                self._candidates.best = Candidate(kept, told["steps"], evaluation=evaluation)
+                self._candidates.restore(load_checkpoint(self.folder / BEST))
         self.open(self.steps)
         if self.state is None and (self.folder / ENCODER).is_file():  # a pretraining is not lost
             self._save_last(0, None)
@@ -323,20 +296,12 @@ class Run:
                     self._recent.append((info["episode"]["r"], info["episode"]["l"]))
 
     def consider(self, steps: int) -> None:
-        """Remember the agent as it is, if it drove better than any since the last held-out journeys.
-
-        Call it before an update, so that an update that spoils the agent loses nothing.
-        """
+        """Remember the agent as it is before an update, if it drove better than any since the last held-out journeys."""
         if len(self._recent) == _EPISODES:
             self._candidates.drove(self._drives()["reward_mean"], steps)
 
     def tick(self, steps: int, **figures: Any) -> None:
-        """Write a row. Drive held-out journeys and save, if it is time for that.
-
-        Args:
-            steps: steps of the run so far.
-            figures: figures of the method, by column.
-        """
+        """Write a row. Drive held-out journeys and save, if it is time for that."""
         due = steps - self._evaluated_at >= self.settings.evaluate_every
         late = self.budget.fraction(steps) >= _LATE
         self.row(steps, self._judge(steps) if due and not late else None, **figures)
@@ -362,7 +327,7 @@ class Run:
             if again or known is None or found[best].rank > known.rank:
                 candidates.judged(chosen[best], found[best])
                 self.save(BEST, chosen[best].model, chosen[best].steps, found[best])
-            candidates.begin_anew()
+            candidates.promising = None
             self.last = found[0]
         elif candidates.best is None:
             one = candidates.promising or chosen[0]

@@ -13,9 +13,6 @@ class Stopwatch:
 
     On CUDA the end of a part waits for the device; otherwise the time would count for the next part that needs the
     result. This costs nothing in the training loop, where each part needs the result of the one before.
-
-    Args:
-        clock: monotonic clock, in seconds.
     """
 
     def __init__(self, device: torch.device, clock: Callable[[], float] = time.perf_counter) -> None:
