@@ -34,15 +34,10 @@ def head(length: int, *, masked: bool = False) -> bytes:
 
 
 def extent(data: bytes | bytearray | memoryview, at: int, end: int) -> tuple[int, int]:
-    """Find the payload of a frame.
+    """Return the indices of the begin and end of a frame's payload.
 
-    Args:
-        data: The bytes received so far.
-        at: Index of the frame's first byte.
-        end: Index after the last byte received.
-
-    Returns:
-        Indices of the payload's begin and end. If the second is beyond ``end``, read up to there and ask again.
+    The frame begins at ``at``, and bytes were received up to before ``end``. If the payload ends beyond, read up to
+    there and ask again.
     """
     begin = at + 2
     if end < begin:

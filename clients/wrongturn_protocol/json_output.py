@@ -77,12 +77,8 @@ def check_json_file(to: Path | None) -> None:
 def give_json(value: Any, to: Path | None) -> bool:
     """Print a value as JSON or write it into a file, as ``--json`` asks for. Call :func:`check_json_file` first.
 
-    Args:
-        value: Plain values.
-        to: ``STDOUT`` or a file, compressed if its name ends in ``.gz``; None for nothing.
-
-    Returns:
-        Whether the command prints what it always prints: not if its JSON is on stdout.
+    The value holds plain values. The file is compressed if its name ends in ``.gz``. Returns whether the command prints
+    what it always prints: not if its JSON is on stdout.
 
     Raises:
         JsonFileError: The file cannot be written.

@@ -134,10 +134,8 @@ def contract_of(
 ) -> ModelContract:
     """Return how to drive with a model.
 
-    Args:
-        signature: The model.
-        tracks: Tracks that the suite takes; None for any.
-        agent_track: Track of the agent that the model has to drive as; None if there is no agent yet.
+    ``tracks`` are those that the suite takes, None for any. ``agent_track`` is that of the agent as which the model has
+    to drive; None if there is no agent yet.
 
     Raises:
         ContractError: The model breaks the contract. The messages name each tensor and the remedy.

@@ -102,9 +102,7 @@ FIELDS: Final[Mapping[Track, tuple[Field, ...]]] = {
 def observation_space(track: Track, image_shape: tuple[int, int] = IMAGE_SHAPE) -> spaces.Dict:
     """Return the Gymnasium space of a track: a flat ``Dict`` of ``Box``.
 
-    Args:
-        track: What the agent is shown.
-        image_shape: Rows and columns of pictures. The service has the default only; in process, cameras may differ.
+    ``image_shape`` is rows and columns of pictures. The service has the default only; in process, cameras may differ.
     """
 
     def box(field: Field) -> spaces.Box:

@@ -80,11 +80,9 @@ class Columns:
 
     @classmethod
     def of(cls, results: Iterable[Metrics], *, journeys: bool | None = None) -> "Columns":
-        """Return the columns that results need.
+        """Return the columns that results of one suite need.
 
-        Args:
-            results: Metrics, all of one suite.
-            journeys: Whether the suite is one of journeys; None if the results say so.
+        ``journeys`` tells whether it is a suite of journeys; None if the results say so.
         """
         results = list(results)
         if journeys is None:

@@ -105,12 +105,7 @@ class Block:
     """Block in memory into which one observation after the other is written."""
 
     def __init__(self, memory: bytearray | memoryview, track: Track) -> None:
-        """Clear the memory and lay out the arrays.
-
-        Args:
-            memory: At least as many bytes as the layout's size.
-            track: The track of the observations.
-        """
+        """Clear the memory, which has at least the layout's size, and lay out the arrays."""
         self.layout = layout(track)
         memory[: self.layout.size] = bytes(self.layout.size)
         self._arrays = [

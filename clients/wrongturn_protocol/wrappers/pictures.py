@@ -29,9 +29,6 @@ class OnlyPicture(TransformObservation[Any, Any, Any], RecordConstructorArgs):
 
     The agent does not see the command then, so it cannot know where to turn.
 
-    Args:
-        key: The picture's key.
-
     Raises:
         ValueError: Observations have no such picture.
     """
@@ -123,9 +120,6 @@ class StackPictures(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
 
     Four pictures of (64, 192, 3) become (64, 192, 12). The first picture of an episode is repeated. Other keys stay
     as they are; Gymnasium's ``FrameStackObservation`` stacks every key, along a new first axis.
-
-    Args:
-        number: How many pictures.
 
     Raises:
         ValueError: Observations have no pictures, or the number is not a whole number, 1 or more.

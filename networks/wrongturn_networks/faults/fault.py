@@ -29,8 +29,7 @@ class CommandFault(ABC):
 
     Each episode has a new object. A fault that draws numbers takes them from the trial's seed alone.
 
-    Args:
-        trial: the one that is driven; :meth:`refusal` has accepted it.
+    ``trial`` is the one that is driven; :meth:`refusal` has accepted it.
     """
 
     kind: ClassVar[FaultKind]
