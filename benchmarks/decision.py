@@ -1,15 +1,15 @@
 """How long one decision takes in process, against the bare libsumo calls that it must make.
 
-A decision is ``Episode.step`` in the track ``state``, ego alone, unwrapped: two sub-steps of 0.05 s with their
+A decision is ``Episode.step`` in the track ``state``, beside one car that needs SUMO, unwrapped: two sub-steps of 0.05 s with their
 judgement, the recorded rows, the route's command, the reward and a fresh observation. The bare calls are two
 ``vehicle.moveToXY`` and two ``simulationStep`` to the same places. Both run by turns in one process and
 are timed by the processor time of their thread, so that a busy machine slows both alike; the figure is the median of
 the rounds' ratios.
 
-With traffic both sides carry it: the ratio then tells what seeing, recording and judging the others costs beside
-SUMO's driving them.
+Both sides carry the traffic: the ratio tells what driving, seeing, recording and judging costs beside SUMO's driving
+the others. A car that drives alone takes no SUMO.
 
-    python benchmarks/decision.py [--rounds 60] [--town junctions] [--vehicles 0] [--pedestrians 0] [--json FILE]
+    python benchmarks/decision.py [--rounds 60] [--town junctions] [--vehicles 1] [--pedestrians 0] [--json FILE]
 """
 
 import math
@@ -87,7 +87,7 @@ def main() -> None:
     options = parser(__doc__)
     options.add_argument("--rounds", type=int, default=60)
     options.add_argument("--town", default="junctions")
-    options.add_argument("--vehicles", type=int, default=0)
+    options.add_argument("--vehicles", type=int, default=1)
     options.add_argument("--pedestrians", type=int, default=0)
     arguments = options.parse_args()
     rounds = 2 if arguments.short else arguments.rounds

@@ -34,11 +34,12 @@ def _kernels() -> str:
 
 def _episode() -> str:
     from wrongturn_networks import draw_trial, load_town  # noqa: PLC0415
-    from wrongturn_protocol import FaultKind, Track  # noqa: PLC0415
+    from wrongturn_protocol import FaultKind, Track, Traffic  # noqa: PLC0415
     from wrongturn_sim.episode import Episode  # noqa: PLC0415
 
     town = load_town("junctions")
-    episode = Episode(draw_trial(town, sorted(town.approaches)[0], FaultKind.NONE, 0), Track.STATE)
+    trial = draw_trial(town, sorted(town.approaches)[0], FaultKind.NONE, 0, traffic=Traffic(vehicles=1))
+    episode = Episode(trial, Track.STATE)
     episode.reset()
     for _ in range(10):
         episode.step(0.0, 0.3, 0.0)

@@ -121,7 +121,6 @@ class Episode:
         self.town = load_town(trial.town)
         self.strict = strict
         self.geometry = JudgeGeometry.of(self.town, trial) if trial.journey is None else JourneyGeometry.of(self.town)
-        self._approach = self.town.approach(trial.approach)
         self._fault: CommandFault = make_fault(trial)
         self._traffic = plan_traffic(self.town, trial, start_pose(self.town, trial))
         self._simulator = simulator or Simulator()
@@ -142,16 +141,16 @@ class Episode:
         """
         trial = self.trial
         pose = start_pose(self.town, trial)
-        edge = self.town.lanes[self._approach.lane].edge
-        self._simulation = self._simulator.begin(
-            self.town.net_file, edge, *pose, seed=trial.seed, traffic=self._traffic
-        )
+        if self._traffic is None:
+            self._simulation = Simulation()
+        else:
+            self._simulation = self._simulator.begin(self.town.net_file, *pose, self._traffic, seed=trial.seed)
         self._state: State = (*pose, trial.start.speed, 0.0)
         self._navigator = Navigator(self.town, trial)
         self._fault = make_fault(trial)
         self._judge = judge_of(self.geometry, trial, strict=self.strict)
         self._actions: list[bytes] = []
-        self.trajectory = Trajectory(trial, self.town.sha256, appearances=self._simulation.appearances())
+        self.trajectory = Trajectory(trial, self.town.sha256, appearances=self._simulation.appearances)
         self.steps = self._sub_steps = 0
         # On a journey: the edges that others expect the car to take, from the one that it is on.
         self._expected = self._traffic.ego if self._traffic is not None and trial.journey is not None else ()

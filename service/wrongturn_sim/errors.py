@@ -10,6 +10,10 @@
     ├── InvalidTrialError (ValueError)       a field of the trial is invalid
     ├── TrialNotAloneError (ValueError)      the cars of one batch drive alone, in one town
     ├── DependencyMissingError (ImportError) an optional package is missing
+    ├── CameraError (ValueError)             a parameter of the camera or an array is invalid
+    │   └── UnknownWeatherError              no weather has this name
+    ├── ViewError (ValueError)               a picture or film cannot be made as asked
+    │   └── FilmError                        the film's file
     └── SimulatorError
         ├── SimulatorUnavailableError        libsumo cannot be loaded
         ├── SimulatorInUseError              another episode of this process took the simulator
@@ -49,6 +53,22 @@ class TrialNotAloneError(SimError, ValueError):
 
 class DependencyMissingError(SimError, ImportError):
     """An optional package is missing; the message names the command that installs it."""
+
+
+class CameraError(SimError, ValueError):
+    """A parameter of the camera, or an array given to it, is invalid. The message names the remedy."""
+
+
+class UnknownWeatherError(CameraError):
+    """No weather has this name. The message lists the known ones."""
+
+
+class ViewError(SimError, ValueError):
+    """A picture or film cannot be made as asked. The message names the remedy."""
+
+
+class FilmError(ViewError):
+    """A film's file cannot be written, or its name ends wrongly."""
 
 
 class SimulatorError(SimError):

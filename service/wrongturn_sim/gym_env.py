@@ -10,10 +10,9 @@ from wrongturn_protocol.actions import three_numbers
 from wrongturn_protocol.environments import TrialEnv
 from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.trial_options import check_keywords, check_options
-from wrongturn_sim.environment_simulator import EnvironmentSimulator
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.errors import EpisodeNotStartedError, InvalidActionError
-from wrongturn_sim.notice import announce_compilation
+from wrongturn_sim.simulator_process import EnvironmentSimulator
 from wrongturn_sim.trial_source import TrialSource, a_flag, picture_size
 
 if TYPE_CHECKING:
@@ -60,7 +59,6 @@ class WrongturnSimEnv(TrialEnv):
         self.strict = a_flag("strict", strict)
         self._camera = camera
         self._simulator = EnvironmentSimulator()
-        announce_compilation()
         self.episode: Episode | None = None
         """The last episode, with its trajectory; None before the first reset."""
 

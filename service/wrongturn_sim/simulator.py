@@ -1,12 +1,15 @@
 """The bridge to SUMO, and the only file that imports libsumo.
 
+SUMO drives the other road users. A car that drives alone needs none: nothing that an episode reads would move in it.
+
 libsumo holds one simulation per process: a second ``start()`` silently kills the first. :class:`_Process` knows which
 episode holds it. The episode that begins last takes it; the one before gets SimulatorInUseError at its next step.
 """
 
 import math
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Final
@@ -35,9 +38,9 @@ _OPTIONS: Final = (
     *("--time-to-teleport.highways", "-1"),
     *("--xml-validation", "never"),
     *("--xml-validation.net", "never"),
+    # A car enters as soon as it overlaps no other, even if another has to brake; else cars in a jam would enter late.
+    *("--insertion-checks", "collision"),
 )
-_WITH_TRAFFIC: Final = ("--insertion-checks", "collision")
-"""A car enters as soon as it overlaps no other, even if another has to brake; else cars in a jam would enter late."""
 _HALF_LENGTH: Final = VEHICLE.half_length
 _DEGREES: Final = 180.0 / math.pi
 _SETTLING: Final = 10
@@ -51,8 +54,6 @@ class _Process:
     """What this process has loaded, and which episode drives in it."""
 
     sumo: ModuleType | None = None
-    net: Path | None = None
-    """The loaded net, if no traffic has driven in it; else None."""
     holder: Callable[[], Simulation | None] = staticmethod(_nobody)
     """Returns the simulation of the episode that drives now. It is a weak reference: an episode that nobody keeps
     holds nothing."""
@@ -66,7 +67,7 @@ def load_libsumo() -> ModuleType:
     """
     if _Process.sumo is None:
         try:
-            import libsumo  # noqa: PLC0415 - only driving needs it
+            import libsumo  # noqa: PLC0415 - only traffic needs it
 
             _Process.sumo = libsumo
         except ImportError as error:
@@ -77,26 +78,14 @@ def load_libsumo() -> ModuleType:
     return _Process.sumo
 
 
-def _start(net: Path, seed: int, *more: str) -> ModuleType:
-    """Load a net unless it is loaded already, and return libsumo."""
-    sumo = load_libsumo()
-    if _Process.net == net:
-        return sumo
-    _Process.net = None
-    options = ["--net-file", str(net), "--seed", str(seed), *_OPTIONS, *more]
+@contextmanager
+def _failing_as(message: str) -> Iterator[None]:
+    """Raise what SUMO raises as SimulatorFailedError; the message has a place for it. The simulation has ended then."""
     try:
-        if sumo.isLoaded():
-            sumo.load(options)
-        else:
-            sumo.start(["sumo", *options])
-        sumo.vehicletype.copy("DEFAULT_VEHTYPE", EGO_TYPE)
-        sumo.vehicletype.setLength(EGO_TYPE, VEHICLE.length)
-        sumo.vehicletype.setWidth(EGO_TYPE, VEHICLE.width)
-        sumo.vehicletype.setMaxSpeed(EGO_TYPE, VEHICLE.max_speed)
+        yield
     except Exception as error:
-        raise SimulatorFailedError(f"SUMO cannot load {net.name}: {error}; is it a net of SUMO 1.28?") from error
-    _Process.net = net
-    return sumo
+        _Process.holder = _nobody
+        raise SimulatorFailedError(message.format(error)) from error
 
 
 class _SumoSimulation(Simulation):
@@ -104,8 +93,8 @@ class _SumoSimulation(Simulation):
 
     __slots__ = ("_crowd", "_move", "_step", "_sumo")
 
-    def __init__(self, sumo: ModuleType, crowd: Crowd | None = None) -> None:
-        super().__init__(crowd)
+    def __init__(self, sumo: ModuleType, crowd: Crowd) -> None:
+        super().__init__()
         self._sumo = sumo
         self._crowd = crowd
         self._move = sumo.vehicle.moveToXY
@@ -117,36 +106,17 @@ class _SumoSimulation(Simulation):
                 "another episode of this process took its only simulator: reset this one to take it back, or drive "
                 "both in environments (wrongturn_sim.WrongturnSimEnv), of which a process can have any number"
             )
+        # SUMO's angle runs clockwise from north, its position is the front bumper's centre.
+        front = x + _HALF_LENGTH * math.cos(yaw), y + _HALF_LENGTH * math.sin(yaw)
         try:
-            # SUMO's angle runs clockwise from north, its position is the front bumper's centre.
-            self._move(
-                EGO,
-                "",
-                0,
-                x + _HALF_LENGTH * math.cos(yaw),
-                y + _HALF_LENGTH * math.sin(yaw),
-                90.0 - yaw * _DEGREES,
-                KEEP_ROUTE,
-            )
+            self._move(EGO, "", 0, *front, 90.0 - yaw * _DEGREES, KEEP_ROUTE)
             self._step()
+            self.sightings = self._crowd.update(x, y)
         except Exception as error:
-            _Process.net = None
             _Process.holder = _nobody
             raise SimulatorFailedError(f"SUMO refused a sub-step: {error}; reset the environment") from error
-        if self._crowd is not None:
-            self._look(self._crowd, x, y)
-
-    @staticmethod
-    def _look(crowd: Crowd, x: float, y: float) -> None:
-        try:
-            crowd.update(x, y)
-        except Exception as error:
-            _Process.holder = _nobody
-            raise SimulatorFailedError(f"SUMO does not report its traffic: {error}; reset the environment") from error
 
     def set_route(self, edges: tuple[str, ...]) -> bool:
-        if self._crowd is None:
-            return True
         if _Process.holder() is not self or self._sumo.vehicle.getRoadID(EGO) != edges[0]:
             return False
         self._sumo.vehicle.setRoute(EGO, edges)
@@ -165,66 +135,49 @@ def release(simulation: Simulation) -> None:
 
 
 class Simulator:
-    """The process's only simulator: SUMO, as an episode uses it."""
+    """The process's only simulator: SUMO, as an episode with other road users uses it."""
 
-    def begin(
-        self, net: Path, edge: str, x: float, y: float, yaw: float, *, seed: int, traffic: TrafficPlan | None = None
-    ) -> Simulation:
-        """Take the process's simulator, load a net and place a new car.
+    def begin(self, net: Path, x: float, y: float, yaw: float, traffic: TrafficPlan, *, seed: int) -> Simulation:
+        """Take the process's simulator, load a net, place a new car and let the other road users enter.
 
-        Without traffic the net stays loaded between episodes. With traffic it is loaded each time, because SUMO's
-        drivers depend on all random numbers that were drawn before.
+        The net is loaded each time, because SUMO's drivers depend on all random numbers that were drawn before.
 
         Args:
             net: the town's ``.net.xml``.
-            edge: the edge that the car starts on.
-            x: place of the body's centre, metres.
-            y: place of the body's centre, metres.
+            x: place of the body's centre, metres; likewise y.
+            y: metres.
             yaw: radians, counter-clockwise from east.
-            seed: SUMO's random seed, used when the net is loaded.
-            traffic: the other road users; None for none.
+            traffic: the other road users, and the car's route, on whose first edge it starts.
+            seed: SUMO's random seed.
 
         Raises:
             SimulatorUnavailableError: libsumo cannot be loaded.
             SimulatorFailedError: SUMO cannot load the net, or it has no such edge.
         """
-        if traffic is None:
-            sumo = _start(net, seed % 2**31)
-        else:
-            _Process.net = None
-            sumo = _start(net, seed % 2**31, *_WITH_TRAFFIC)
-        simulation = _SumoSimulation(sumo)
-        _Process.holder = weakref.ref(simulation)
-        try:
-            if EGO in sumo.vehicle.getIDList():
-                sumo.vehicle.remove(EGO)
-            if edge not in sumo.route.getIDList():
-                # Other drivers give way only to a car whose route leads through their junction.
-                sumo.route.add(edge, [edge] if traffic is None else traffic.ego)
-            sumo.vehicle.add(EGO, edge, EGO_TYPE, depart="now")
-            sumo.vehicle.setSpeedMode(EGO, 0)
-            sumo.vehicle.setLaneChangeMode(EGO, 0)
-        except Exception as error:
-            _Process.net = None
-            _Process.holder = _nobody
-            raise SimulatorFailedError(f"SUMO cannot place the car on edge {edge}: {error}") from error
-        simulation.move(x, y, yaw)
-        if traffic is not None:
-            return self._populate(sumo, traffic, x, y, yaw)
-        return simulation
-
-    @staticmethod
-    def _populate(sumo: ModuleType, traffic: TrafficPlan, x: float, y: float, yaw: float) -> Simulation:
-        """Let the other road users enter, now that SUMO knows where the car is."""
-        _Process.net = None
+        sumo = load_libsumo()
+        options = ["--net-file", str(net), "--seed", str(seed % 2**31), *_OPTIONS]
+        with _failing_as(f"SUMO cannot load {net.name}: {{}}; is it a net of SUMO 1.28?"):
+            if sumo.isLoaded():
+                sumo.load(options)
+            else:
+                sumo.start(["sumo", *options])
+            sumo.vehicletype.copy("DEFAULT_VEHTYPE", EGO_TYPE)
+            sumo.vehicletype.setLength(EGO_TYPE, VEHICLE.length)
+            sumo.vehicletype.setWidth(EGO_TYPE, VEHICLE.width)
+            sumo.vehicletype.setMaxSpeed(EGO_TYPE, VEHICLE.max_speed)
         crowd = Crowd(sumo, traffic)
-        try:
-            crowd.enter()
-        except Exception as error:
-            _Process.holder = _nobody
-            raise SimulatorFailedError(f"SUMO cannot place the traffic: {error}") from error
         simulation = _SumoSimulation(sumo, crowd)
         _Process.holder = weakref.ref(simulation)
+        with _failing_as(f"SUMO cannot place the car on edge {traffic.ego[0]}: {{}}"):
+            # Other drivers give way only to a car whose route leads through their junction.
+            sumo.route.add(EGO, traffic.ego)
+            sumo.vehicle.add(EGO, EGO, EGO_TYPE, depart="now")
+            sumo.vehicle.setSpeedMode(EGO, 0)
+            sumo.vehicle.setLaneChangeMode(EGO, 0)
+        simulation.move(x, y, yaw)
+        # The others enter now that SUMO knows where the car is.
+        with _failing_as("SUMO cannot place the traffic: {}"):
+            simulation.appearances = crowd.enter()
         for _ in range(_SETTLING):
             simulation.move(x, y, yaw)
             if not crowd.waiting():

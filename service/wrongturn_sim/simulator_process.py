@@ -1,10 +1,10 @@
-"""SUMO in a process of its own, for the environments of a process beyond the first one that has traffic.
+"""The simulator of one environment: in this process, or in one of its own if another environment has this one's.
 
 The program is ``python -m wrongturn_sim.simulator_process SOCKET``; the argument is the file descriptor of a socket.
 It answers one request at a time, and ends with the stream. So nothing is left if the process that started it is killed.
 
 Requests and replies:
-    | ``("begin", arguments of Simulator.begin)``: the looks of all road users, and the visible ones
+    | ``("begin", (arguments, keywords) of Simulator.begin)``: the looks of all road users, and the visible ones
     | ``("move", (x, y, yaw))``: the visible road users
     | ``("set_route", (edges,))``: whether SUMO could take it
 
@@ -18,12 +18,13 @@ import subprocess
 import sys
 import weakref
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any, Final
 
 from wrongturn_sim.errors import SimError, SimulatorFailedError, SimulatorInUseError
 from wrongturn_sim.simulation import Simulation
-from wrongturn_sim.simulator import Simulator
-from wrongturn_sim.traffic.crowd import Surroundings
+from wrongturn_sim.simulator import Simulator, is_free, release
+from wrongturn_sim.traffic.plan import TrafficPlan
 
 _GOODBYE: Final = 5.0
 """Seconds that the process has to end by itself."""
@@ -53,12 +54,12 @@ class SimulatorProcess:
         """Whether the process can begin an episode: not after its end, nor in a fork of the process that made it."""
         return not self._connection.closed and self._maker == os.getpid()
 
-    def begin(self, **arguments: Any) -> Simulation:
+    def begin(self, *arguments: Any, **keywords: Any) -> Simulation:
         """Begin an episode; arguments and errors are those of :meth:`wrongturn_sim.simulator.Simulator.begin`."""
-        around = Surroundings()
         self._begun += 1
-        around.appearances, around.sightings = self.call("begin", arguments)
-        return _DistantSimulation(self, self._begun, around)
+        simulation = _DistantSimulation(self, self._begun)
+        simulation.appearances, simulation.sightings = self.call("begin", (arguments, keywords))
+        return simulation
 
     def call(self, request: str, arguments: Any) -> Any:
         """Return the reply to a request.
@@ -98,15 +99,15 @@ class _DistantSimulation(Simulation):
 
     __slots__ = ("_number", "_process")
 
-    def __init__(self, process: SimulatorProcess, number: int, around: Surroundings) -> None:
-        super().__init__(around)
+    def __init__(self, process: SimulatorProcess, number: int) -> None:
+        super().__init__()
         self._process = process
         self._number = number
 
     def move(self, x: float, y: float, yaw: float) -> None:
         if not self._process.drives(self._number):
             raise SimulatorInUseError("the environment drives another episode now; step that one")
-        self.around.sightings = self._process.call("move", (x, y, yaw))
+        self.sightings = self._process.call("move", (x, y, yaw))
 
     def set_route(self, edges: tuple[str, ...]) -> bool:
         return self._process.drives(self._number) and bool(self._process.call("set_route", (edges,)))
@@ -121,6 +122,38 @@ def _end(process: subprocess.Popen[bytes], connection: Connection) -> None:
         process.wait()
 
 
+class EnvironmentSimulator(Simulator):
+    """Gives an environment's episodes a simulation without taking another one's.
+
+    The environment takes this process's simulator if it is free, and else a process of its own. The bytes are the same.
+    """
+
+    def __init__(self) -> None:
+        self._simulation: Simulation | None = None
+        self._process: SimulatorProcess | None = None
+
+    def begin(self, net: Path, x: float, y: float, yaw: float, traffic: TrafficPlan, *, seed: int) -> Simulation:
+        """Begin an episode, as :meth:`wrongturn_sim.simulator.Simulator.begin`."""
+        self._release()
+        if self._process is None and is_free():
+            self._simulation = super().begin(net, x, y, yaw, traffic, seed=seed)
+            return self._simulation
+        if self._process is None or not self._process.usable:
+            self._process = SimulatorProcess()
+        return self._process.begin(net, x, y, yaw, traffic, seed=seed)
+
+    def close(self) -> None:
+        """Free this process's simulator and end the other process. Safe to call more than once."""
+        self._release()
+        if self._process is not None:
+            self._process.close()
+
+    def _release(self) -> None:
+        if self._simulation is not None:
+            release(self._simulation)
+            self._simulation = None
+
+
 def serve(connection: Connection) -> None:
     """Answer requests until the other side closes the stream."""
     simulator, simulation = Simulator(), Simulation()
@@ -129,11 +162,11 @@ def serve(connection: Connection) -> None:
         request, arguments = connection.recv()
         try:
             if request == "begin":
-                simulation = simulator.begin(**arguments)
-                reply = simulation.appearances(), simulation.around.sightings
+                simulation = simulator.begin(*arguments[0], **arguments[1])
+                reply = simulation.appearances, simulation.sightings
             elif request == "move":
                 simulation.move(*arguments)
-                reply = simulation.around.sightings
+                reply = simulation.sightings
             else:
                 reply = simulation.set_route(*arguments)
         except SimError as error:

@@ -10,9 +10,9 @@ import pytest
 from wrongturn_networks import load_town
 from wrongturn_protocol import FaultKind, JunctionType, Track, Traffic, Verdict, View, Weather
 from wrongturn_sim import Episode, Trajectory, TrajectoryError
+from wrongturn_sim.errors import FilmError, ViewError
 from wrongturn_sim.replay import Replay
 from wrongturn_sim.view import colours
-from wrongturn_sim.view.errors import FilmError, ViewError
 from wrongturn_sim.view.film import FRAMES_A_SECOND, LAST, write_film
 from wrongturn_sim.view.scene import fastest_of, whole_window
 from wrongturn_sim.view.shown import show

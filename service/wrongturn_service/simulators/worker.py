@@ -33,7 +33,7 @@ from typing import Any, Final
 import msgpack
 
 from wrongturn_networks import Town, draw_journey, draw_trial, load_town
-from wrongturn_protocol import FaultKind, Outcome, Task, Track, Trial
+from wrongturn_protocol import FaultKind, Outcome, Task, Track, Traffic, Trial
 from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.pixmap import to_pixmap
 from wrongturn_protocol.wire import Block, layout
@@ -76,7 +76,8 @@ class Server:
 
     def _drive_a_little(self, town: Town) -> None:
         junction = draw_trial(town, next(iter(town.approaches)), FaultKind.NONE, 0)
-        journey = draw_journey(town, Task.NAVIGATION, 0)  # judged by arithmetic of its own
+        # A journey is judged by arithmetic of its own; with another car in town it needs SUMO.
+        journey = draw_journey(town, Task.NAVIGATION, 0, traffic=Traffic(vehicles=1))
         for trial, track in ((junction, Track.PRIVILEGED), (junction, Track.SEGMENTATION), (journey, Track.STATE)):
             self._reset(trial.model_dump_json(), track, ACTION.pack(0.0, 0.5, 0.0) * 3, Encoding.RAW)
             self._driven().abort()

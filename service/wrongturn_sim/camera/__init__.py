@@ -3,11 +3,11 @@
 The first picture takes longer: numba compiles the kernels, or reads them from its cache.
 """
 
-from wrongturn_sim.camera.errors import CameraError, UnknownWeatherError
 from wrongturn_sim.camera.pinhole import Camera
 from wrongturn_sim.camera.renderer import Renderer, render_batch
 from wrongturn_sim.camera.weathers import LOOKS, WeatherLook, look_of
 from wrongturn_sim.camera.world import World
+from wrongturn_sim.errors import CameraError, UnknownWeatherError
 
 __all__ = [
     "LOOKS",

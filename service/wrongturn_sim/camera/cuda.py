@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_sim.camera import cuda_kernels as kernels
-from wrongturn_sim.camera.errors import CameraError
 from wrongturn_sim.camera.kernels import HITS, ROWS, WORK
 from wrongturn_sim.camera.noise import clouds
 from wrongturn_sim.camera.pinhole import Camera
@@ -15,6 +14,7 @@ from wrongturn_sim.camera.renderer import OTHER, others_of_each
 from wrongturn_sim.camera.solids import COLUMNS, shop_colours
 from wrongturn_sim.camera.weathers import RAIN, SIZE
 from wrongturn_sim.camera.world import World
+from wrongturn_sim.errors import CameraError
 
 device: Any = kernels.cuda
 

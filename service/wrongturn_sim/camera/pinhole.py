@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_sim.camera.errors import CameraError
+from wrongturn_sim.errors import CameraError
 
 LARGEST_SIDE = 2048
 """Most columns or rows of a picture."""

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_protocol import Weather
-from wrongturn_sim.camera.errors import CameraError
 from wrongturn_sim.camera.kernels import HITS, ROWS, WORK, Scene, Scratch
 from wrongturn_sim.camera.noise import clouds
 from wrongturn_sim.camera.pinhole import Camera
@@ -18,6 +17,7 @@ from wrongturn_sim.camera.road_users import USER_COLOUR
 from wrongturn_sim.camera.solids import COLUMNS, shop_colours
 from wrongturn_sim.camera.weathers import SIZE, look_of
 from wrongturn_sim.camera.world import World
+from wrongturn_sim.errors import CameraError
 
 Image = NDArray[np.uint8]
 Numbers = NDArray[np.float64]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_protocol import Weather
-from wrongturn_sim.camera.errors import UnknownWeatherError
+from wrongturn_sim.errors import UnknownWeatherError
 
 Colour = tuple[float, float, float]
 

@@ -21,7 +21,6 @@ from wrongturn_protocol.trial_options import check_keywords, whole_number
 from wrongturn_sim.errors import EpisodeAlreadyFinishedError, EpisodeNotStartedError, InvalidActionError
 from wrongturn_sim.fleet.fleet import Fleet, Record
 from wrongturn_sim.fleet.traffic import FleetTraffic
-from wrongturn_sim.notice import announce_compilation
 from wrongturn_sim.trial_source import TrialSource, a_flag, picture_size
 
 if TYPE_CHECKING:
@@ -104,7 +103,6 @@ class WrongturnVectorEnv(TrialVectorEnv):
                 "traffic: the cars of one batch drive alone; leave it out, take single environments, or give "
                 "own_traffic=FleetTraffic() to drive beside the batch's own traffic"
             )
-        announce_compilation()
         self._source = TrialSource(trials)
         if len(self._source.towns) != 1:
             names = ", ".join(self._source.towns)

@@ -4,9 +4,6 @@ import math
 from types import ModuleType
 from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from wrongturn_judge.trajectory import Appearance, RoadUser
 from wrongturn_sim.traffic.plan import TrafficPlan, Trip
 
@@ -39,34 +36,7 @@ class _Body(NamedTuple):
     appearance: Appearance
 
 
-class Surroundings:
-    """The other road users that are visible now, and the looks of all; nobody at first."""
-
-    __slots__ = ("appearances", "sightings")
-
-    def __init__(self) -> None:
-        self.sightings: list[Sighting] = []
-        """The visible road users, nearest first."""
-        self.appearances: tuple[Appearance, ...] = ()
-        """Looks of all road users, by their numbers."""
-
-    def road_users(self) -> tuple[RoadUser, ...]:
-        """Return the visible road users, nearest first."""
-        return tuple([user for _, _, user, _ in self.sightings])
-
-    def others(self) -> NDArray[np.float64]:
-        """Return the same as (n, 8): x, y, yaw, length, width, height, kind, colour."""
-        rows = np.empty((len(self.sightings), OTHERS))
-        for row, (_, _, user, appearance) in zip(rows, self.sightings, strict=True):
-            row[:] = *user[:5], *appearance
-        return rows
-
-    def numbers(self) -> tuple[int, ...]:
-        """Return the numbers of the visible road users, in the same order."""
-        return tuple([number for _, number, _, _ in self.sightings])
-
-
-class Crowd(Surroundings):
+class Crowd:
     """The other road users of one episode, in SUMO.
 
     Args:
@@ -77,14 +47,13 @@ class Crowd(Surroundings):
     __slots__ = ("_bodies", "_later", "_plan", "_sumo")
 
     def __init__(self, sumo: ModuleType, plan: TrafficPlan) -> None:
-        super().__init__()
         self._sumo = sumo
         self._plan = plan
         self._bodies: dict[str, _Body] = {}
         self._later: dict[str, list[Trip]] = {}
 
-    def enter(self) -> None:
-        """Insert all road users; they appear with SUMO's next steps."""
+    def enter(self) -> tuple[Appearance, ...]:
+        """Insert all road users, which appear with SUMO's next steps; return their looks, by their numbers."""
         sumo, plan = self._sumo, self._plan
         for body in sorted({car.body for car in plan.cars}, key=lambda body: body.name):
             kind = _type(body.name)
@@ -107,7 +76,7 @@ class Crowd(Surroundings):
             sumo.person.add(name, person.edges[0], person.at * first)
             goal = min(max(person.until * last, _END), last - _END)
             sumo.person.appendWalkingStage(name, person.edges, goal, speed=person.speed)
-        self.appearances = tuple(body.appearance for body in self._bodies.values())
+        return tuple(body.appearance for body in self._bodies.values())
 
     def _depart(self, name: str) -> None:
         """Send a car on its next trip, if it has one left."""
@@ -122,10 +91,10 @@ class Crowd(Surroundings):
         kind = _type(self._plan.cars[self._bodies[name].number].body.name)
         sumo.vehicle.add(name, route, kind, depart="now", departLane=lane, departPos=repr(at), departSpeed="max")
 
-    def update(self, x: float, y: float) -> None:
-        """Find the road users near a point, and start the next trip of cars that finished one."""
+    def update(self, x: float, y: float) -> list[Sighting]:
+        """Start the next trip of cars that finished one, and return the road users near a point, nearest first."""
         sumo, floor, remainder = self._sumo, math.floor, math.remainder
-        seen = self.sightings = []
+        seen: list[Sighting] = []
         for name in sumo.simulation.getArrivedIDList():
             if name in self._later:
                 self._depart(name)
@@ -150,6 +119,7 @@ class Crowd(Surroundings):
                     user = (px, py, yaw, body.length, body.width, floor(domain.getSpeed(name) * 1e3 + 0.5) / 1e3)
                     seen.append((square, body.number, user, body.appearance))
         seen.sort()
+        return seen
 
     def waiting(self) -> int:
         """Return the number of road users that SUMO has not inserted yet."""

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 import av
 import av.error
 
-from wrongturn_sim.view.errors import FilmError
+from wrongturn_sim.errors import FilmError
 from wrongturn_sim.view.window import Image
 
 FRAMES_A_SECOND: Final = 10

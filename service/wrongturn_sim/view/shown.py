@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import cv2
 
 from wrongturn_protocol import Outcome, View
+from wrongturn_sim.errors import ViewError
 from wrongturn_sim.replay import PICTURE_SIZE, SIZE, Replay
-from wrongturn_sim.view.errors import ViewError
 from wrongturn_sim.view.film import check_film
 
 if TYPE_CHECKING:

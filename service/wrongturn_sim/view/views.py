@@ -11,8 +11,8 @@ from wrongturn_judge.trajectory import Row
 from wrongturn_networks import Town
 from wrongturn_protocol import Outcome, Safety, Trial, View
 from wrongturn_sim.ego import SUB_STEP
+from wrongturn_sim.errors import ViewError
 from wrongturn_sim.view import colours, scene
-from wrongturn_sim.view.errors import ViewError
 from wrongturn_sim.view.ground import draw_ground
 from wrongturn_sim.view.lettering import Line, panel, write
 from wrongturn_sim.view.window import Image, Window

@@ -2,7 +2,7 @@
 
 ::
 
-    python -m wrongturn_sim.camera.sheet [DIRECTORY]
+    python -m lab.sheet [DIRECTORY]
 """
 
 import sys
