@@ -14,6 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, TypeVar, cast
 
+import numpy as np
 from numba import njit
 from numba.core import event
 from typing_extensions import override
@@ -31,7 +32,7 @@ def compiled_with(*modules: ModuleType, **options: Any) -> Callable[[_Function],
             freezes both into the cached code.
         options: for ``njit``.
     """
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(Path(__file__).read_bytes())
     for module in modules:
         digest.update(Path(str(module.__file__)).read_bytes())
 
@@ -49,6 +50,20 @@ def uncounted(function: _Function) -> _Function:
     """
     options: Any = {"_nrt": False}
     return cast(_Function, njit(**options)(function))
+
+
+def record(floats: str, ints: str = "") -> np.dtype[Any]:
+    """Return the type of a record with these fields of eight bytes; names have spaces between them.
+
+    Rows of records are kept as plain float64 arrays, which numba recognises ten times as fast in a call from Python. A
+    kernel looks at them through the type: ``row.view(CAR)[0].speed``.
+    """
+    return np.dtype((np.record, [(n, "f8") for n in floats.split()] + [(n, "i8") for n in ints.split()]))
+
+
+def words(kind: np.dtype[Any]) -> int:
+    """Return the number of a record's fields, which is the length of its row."""
+    return kind.itemsize // 8
 
 
 class _Announcer(event.Listener):

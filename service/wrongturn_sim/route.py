@@ -11,11 +11,12 @@ the trial sets, to 5 m past the exit line. Elsewhere its command is LANE_FOLLOW.
 import math
 import random
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wrongturn_judge.compiling import words
 from wrongturn_networks import Town, exits_towards
 from wrongturn_networks.faults.fault import Guidance
 from wrongturn_protocol import Command, Trial
@@ -85,30 +86,16 @@ def way_to(town: Town, goal: str | None) -> NDArray[np.int8]:
     return way
 
 
-def start_route(
-    roads: Roads, town: Town, trial: Trial, progress: NDArray[np.int64], places: NDArray[np.float64]
-) -> NDArray[np.uint32]:
-    """Set an ego's progress to a trial's start, and return the random draws of its route.
-
-    Args:
-        roads: the town's lanes and exits as arrays.
-        town: town of the trial.
-        trial: the trial that begins.
-        progress: (PROGRESS_INTS,), changed.
-        places: (PROGRESS_FLOATS,), changed.
-
-    Returns:
-        (DRAWS,) uint32.
-    """
+def start_route(roads: Roads, town: Town, trial: Trial, row: NDArray[np.float64]) -> NDArray[np.uint32]:
+    """Set a PROGRESS to a trial's start, and return the random draws of its route, (DRAWS,)."""
     leg = roads.legs[town.approach(trial.approach).lane]
-    progress[:] = 0
-    progress[guide.P_LEG] = leg
-    progress[guide.P_GATE] = roads.gate_of(leg, trial.route)
-    progress[guide.P_INSIDE] = trial.start.distance < 0.0
-    progress[guide.P_AFTER] = -1
-    progress[guide.P_JOURNEY] = trial.journey is not None
-    places[:] = 0.0
-    places[guide.P_WINDOW] = guide.WINDOW_BEFORE if trial.window is None else trial.window
+    row[:] = 0.0
+    progress = row.view(guide.PROGRESS)[0]
+    progress.leg, progress.gate = leg, roads.gate_of(leg, trial.route)
+    progress.inside = trial.start.distance < 0.0
+    progress.after = -1
+    progress.journey = trial.journey is not None
+    progress.window = guide.WINDOW_BEFORE if trial.window is None else trial.window
     # A generator of its own: other draws do not shift the route.
     return guide.route_draws(random.Random(f"route {trial.seed}"))
 
@@ -116,54 +103,44 @@ def start_route(
 class Navigator:
     """Follows the car along its route, one decision at a time."""
 
-    __slots__ = ("_draws", "_places", "_progress", "_roads", "_tables", "_way")
+    __slots__ = ("_draws", "_progress", "_roads", "_row", "_way")
 
     def __init__(self, town: Town, trial: Trial) -> None:
         self._roads = roads_of(town)
-        self._tables = self._roads.tables
-        self._progress = np.empty(guide.PROGRESS_INTS, np.int64)
-        self._places = np.empty(guide.PROGRESS_FLOATS)
-        self._draws = start_route(self._roads, town, trial, self._progress, self._places)
+        self._row = np.empty(words(guide.PROGRESS))
+        self._progress: Any = self._row.view(guide.PROGRESS)[0]
+        self._draws = start_route(self._roads, town, trial, self._row)
         self._way = way_to(town, trial.journey.goal if trial.journey is not None else None)
 
     def update(self, x: float, y: float) -> Guidance:
         """Return the guidance for the current place of the body's centre, metres."""
-        found = guide.update(*self._tables, self._draws, self._way, self._progress, self._places, x, y)
-        return guidance_of(self._roads, *found)
+        return guidance_of(self._roads, *guide.update(*self._roads.tables, self._draws, self._way, self._row, x, y))
 
     @property
     def lane(self) -> str:
         """Id of the lane that the car is in; within a junction, of the lane that it came from."""
-        return self._roads.names[int(self._progress[guide.P_LEG])]
+        return self._roads.names[self._progress.leg]
 
     def lanes_ahead(self, metres: float) -> tuple[str, ...]:
         """Return the ids of the lanes along the route ahead; those after the first add up to ``metres`` or more."""
-        ints, floats, progress = self._roads.ints, self._roads.floats, self._progress.copy()
-        places = self._places.copy()
-        lanes = [self.lane]
-        while progress[guide.P_GATE] >= 0 and metres > 0.0:
-            guide.leave(ints, floats, self._draws, self._way, progress, places, int(progress[guide.P_GATE]))
-            leg = int(progress[guide.P_LEG])
-            lanes.append(self._roads.names[leg])
-            metres -= self._roads.lanes[leg].length
-        return tuple(lanes)
+        legs = guide.legs_ahead(*self._roads.tables, self._draws, self._way, self._row.copy(), metres)
+        return tuple(self._roads.names[leg] for leg in legs)
 
     @property
     def stop_line(self) -> float:
         """Metres along the lane to the stop line; -1 within a junction and where none lies within 60 m."""
-        left: float = guide.stop_line(self._roads.ints, self._roads.floats, self._progress, self._places)
-        return left
+        return guide.stop_line(self._roads.tables[2], self._row)
 
     def lane_ahead(self) -> NDArray[np.float32]:
         """Return the lane's centre line ahead as an observation shows it, (60, 2)."""
         out = np.empty((PATH_POINTS, 2), np.float32)
-        guide.lane_ahead(*self._tables, self._progress, self._places, out)
+        guide.lane_ahead(*self._roads.tables[:3], self._row, out)
         return out
 
     def exits(self) -> tuple[NDArray[np.float32], NDArray[np.int8]]:
         """Return the junction's exits and their mask as an observation shows them, (3, 60, 2) and (3,)."""
-        leg = int(self._progress[guide.P_LEG])
+        leg = self._progress.leg
         shown, mask = self._roads.exits[leg], self._roads.exits_mask[leg]
-        if self._progress[guide.P_INSIDE] or self.stop_line >= 0.0:
+        if self._progress.inside or self.stop_line >= 0.0:
             return shown.copy(), mask.copy()
         return np.zeros_like(shown), np.zeros_like(mask)

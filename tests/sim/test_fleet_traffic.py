@@ -18,8 +18,7 @@ from wrongturn_sim import (
     WrongturnVectorEnv,
 )
 from wrongturn_sim.camera import Camera, Renderer, World
-from wrongturn_sim.fleet.right_of_way import CROSSES, YIELDS, rules_of
-from wrongturn_sim.fleet.streets import streets_of
+from wrongturn_sim.fleet.streets import CROSSES, YIELDS, rules_of, streets_of
 
 EGO = (4.6, 1.9)
 LEADERS = FleetTraffic(leaders=0.5)
@@ -282,7 +281,7 @@ def test_waiters_stand_at_the_stop_line_ahead_or_at_that_of_the_street_into_whic
 class TestRightOfWay:
     @pytest.mark.parametrize("name", ["Town01", "Town02", "junctions"])
     def test_the_rules_are_of_pairs_that_cross(self, name):
-        rules, speeds = rules_of(load_town(name))
+        rules, speeds, _ = rules_of(load_town(name))
         crosses, yields = (rules & CROSSES) > 0, (rules & YIELDS) > 0
         assert np.array_equal(crosses, crosses.T)
         assert not (yields & ~crosses).any()

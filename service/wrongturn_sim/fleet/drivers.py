@@ -6,44 +6,12 @@ for it where it is in the junction first.
 """
 
 import math
+from typing import Any
 
 from wrongturn_judge.compiling import uncounted
-from wrongturn_judge.kernels import Array
-from wrongturn_sim import guide
 from wrongturn_sim.fleet.ego_ahead import FAR, ego_crosses, ego_to_line, gap_to_ego, gap_to_merging_ego
-from wrongturn_sim.fleet.others import (
-    FOR,
-    GATE,
-    GOES,
-    HERE,
-    INSIDE,
-    LEG,
-    LENGTH,
-    LIKES,
-    PEDESTRIANS,
-    SINCE,
-    STANDS,
-    STAYS,
-    UNTIL,
-    VEHICLES,
-    W_SINCE,
-    W_X,
-    W_Y,
-    WAITED,
-    A,
-    Others,
-    S,
-    V,
-    X,
-    Y,
-    draw,
-    move_walker,
-    out_of_sight,
-    place_car,
-    place_walker,
-)
-from wrongturn_sim.fleet.right_of_way import CROSSES, YIELDS
-from wrongturn_sim.fleet.streets import Streets
+from wrongturn_sim.fleet.others import Ego, draw, move_walker, out_of_sight, place_car, place_walker
+from wrongturn_sim.fleet.streets import CROSSES, YIELDS
 
 ACCELERATION = 2.6
 """m/s²; this and the next five are SUMO's defaults."""
@@ -83,49 +51,37 @@ def safe_speed(gap: float, leader: float, braking: float, reaction: float) -> fl
 
 
 @uncounted
-def left_to_line(lengths: Array, car: Array, way: Array) -> float:
-    """Return a car's distance to the next stop line that it has not got leave to pass, metres."""
-    if way[INSIDE] == 0:
-        return float(lengths[way[LEG], guide.F_LENGTH] - car[S])
-    return FAR
-
-
-@uncounted
-def leader_of(legs: Array, lengths: Array, others: Others, i: int, k: int) -> tuple[float, float]:
+def leader_of(ego: Ego, k: int) -> tuple[float, float]:
     """Return the gap to the next car on a car's way, metres, and that car's speed; FAR if there is none."""
-    car, way = others.cars[i, k], others.ways[i, k]
-    leg, gate, s = way[LEG], way[GATE], car[S]
-    length = lengths[leg, guide.F_LENGTH]
+    car = ego.cars[k]
     onward, inner = -1, 0.0
-    if gate >= 0:
-        onward = legs[leg, guide.L_GATE + guide.GATE_INTS * gate + guide.G_LEG]
-        inner = lengths[leg, guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER]
+    if car.gate >= 0:
+        onward, inner = ego.net.gates[car.leg, car.gate].leg, ego.net.gates[car.leg, car.gate].inner
     # Metres from the car to the start of its exit's path.
-    ahead = -s if way[INSIDE] else length - s
+    ahead = -car.s if car.inside else ego.net.legs[car.leg].length - car.s
     best, speed = FAR, 0.0
-    for j in range(others.counts[i, VEHICLES]):
-        other = others.ways[i, j]
-        if j == k or other[HERE] == 0:
+    for j in range(ego.traffic[0].vehicles):
+        other = ego.cars[j]
+        if j == k or other.here == 0:
             continue
-        at = others.cars[i, j, S]
-        if other[LEG] == leg:
-            if other[INSIDE] == way[INSIDE]:
-                gap = at - s
+        if other.leg == car.leg:
+            if other.inside == car.inside:
+                gap = other.s - car.s
                 if gap == 0.0 and j > k:
                     continue
-            elif other[INSIDE]:
-                gap = ahead + at
+            elif other.inside:
+                gap = ahead + other.s
             else:
                 continue
-        elif other[LEG] == onward and not other[INSIDE]:
-            gap = ahead + inner + at
+        elif other.leg == onward and not other.inside:
+            gap = ahead + inner + other.s
         else:
             continue
         if gap < 0.0:
             continue
-        gap -= others.cars[i, j, LENGTH]
+        gap -= other.length
         if gap < best:
-            best, speed = gap, others.cars[i, j, V]
+            best, speed = gap, other.v
     return best, speed
 
 
@@ -136,222 +92,195 @@ def time_to(metres: float, speed: float) -> float:
 
 
 @uncounted
-def brake_for_ego(
-    streets: Streets, lengths: Array, others: Others, i: int, k: int, progress: Array, places: Array, left: float
-) -> float:
+def brake_for_ego(ego: Ego, car: Any, left: float) -> float:
     """Return the speed of a car that has leave to enter the junction ahead, where the ego may be in its way, m/s.
 
     As in SUMO, the right of way ends where somebody is in the junction already.
     """
-    car, way = others.cars[i, k], others.ways[i, k]
-    if not ego_crosses(streets, lengths, way, progress, places):
+    if not ego_crosses(ego, car):
         return FAR
-    if car[V] * car[V] < 2.0 * EMERGENCY * (left - STOP):
-        way[GOES] = 0  # it can stop, so others may go before it
+    if car.v * car.v < 2.0 * EMERGENCY * (left - STOP):
+        car.goes = 0  # it can stop, so others may go before it
     return safe_speed(left - STOP, 0.0, BRAKING, REACTION)
 
 
 @uncounted
-def may_go(
-    streets: Streets, legs: Array, lengths: Array, others: Others, i: int, k: int, progress: Array, places: Array,
-    state: Array,
-) -> bool:  # fmt: skip
+def may_go(ego: Ego, k: int) -> bool:
     """Return whether a car may enter the junction ahead."""
-    car, way = others.cars[i, k], others.ways[i, k]
-    leg, gate = way[LEG], way[GATE]
-    ours = 3 * leg + gate
-    onward = legs[leg, guide.L_GATE + guide.GATE_INTS * gate + guide.G_LEG]
-    inner = lengths[leg, guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER]
-    left = lengths[leg, guide.F_LENGTH] - car[S]
+    car, net, streets = ego.cars[k], ego.net, ego.streets
+    ours, gate = 3 * car.leg + car.gate, net.gates[car.leg, car.gate]
+    left = net.legs[car.leg].length - car.s
     if left > VISIBLE and streets.minor[ours]:
         return False
     # When the car's rear is out of the junction, and a second more.
-    clear = (left + inner + car[LENGTH]) / max(car[V], 5.0) + 1.0
-    for j in range(others.counts[i, VEHICLES]):
-        other = others.ways[i, j]
-        if j == k or other[HERE] == 0:
+    clear = (left + gate.inner + car.length) / max(car.v, 5.0) + 1.0
+    for j in range(ego.traffic[0].vehicles):
+        other = ego.cars[j]
+        if j == k or other.here == 0:
             continue
-        if other[LEG] == onward and not other[INSIDE]:
-            room = others.cars[i, j, S] - others.cars[i, j, LENGTH]
-            if room < car[LENGTH] + GAP and others.cars[i, j, V] < 2.0:
+        if other.leg == gate.leg and not other.inside:
+            room = other.s - other.length
+            if room < car.length + GAP and other.v < 2.0:
                 return False
-        if other[GATE] < 0:
+        if other.gate < 0:
             continue
-        rule = streets.rules[ours, 3 * other[LEG] + other[GATE]]
-        if rule & CROSSES and (other[INSIDE] or other[GOES]):
+        rule = streets.rules[ours, 3 * other.leg + other.gate]
+        if rule & CROSSES and (other.inside or other.goes):
             return False
-        if rule & YIELDS and not other[INSIDE] and others.cars[i, j, STAYS] <= 0.0 and car[WAITED] < PATIENCE:
-            away = lengths[other[LEG], guide.F_LENGTH] - others.cars[i, j, S]
-            if time_to(away, others.cars[i, j, V]) < clear:
+        if rule & YIELDS and not other.inside and other.stays <= 0.0 and car.waited < PATIENCE:
+            away = net.legs[other.leg].length - other.s
+            if time_to(away, other.v) < clear:
                 return False
-    if progress[guide.P_GATE] < 0:
+    route, speed = ego.route[0], ego.state[3]
+    if route.gate < 0:
         return True
-    if ego_crosses(streets, lengths, way, progress, places):
+    if ego_crosses(ego, car):
         return False
-    rule = streets.rules[ours, 3 * progress[guide.P_LEG] + progress[guide.P_GATE]]
-    away = ego_to_line(lengths, progress, places)
-    waits = state[3] > 0.5 or car[WAITED] < EGO_PATIENCE
-    return bool(progress[guide.P_INSIDE] or not (rule & YIELDS and waits and time_to(away, state[3]) < clear))
+    rule = streets.rules[ours, 3 * route.leg + route.gate]
+    waits = speed > 0.5 or car.waited < EGO_PATIENCE
+    return bool(route.inside or not (rule & YIELDS and waits and time_to(ego_to_line(ego), speed) < clear))
 
 
 @uncounted
-def stays(others: Others, i: int, k: int, progress: Array) -> bool:
+def stays(ego: Ego, car: Any) -> bool:
     """Return whether a driver stays at the stop line without need."""
-    car, way = others.cars[i, k], others.ways[i, k]
-    if way[FOR] >= 0 and way[FOR] != progress[guide.P_LEG]:
-        car[STAYS] = 0.0
-    if car[STAYS] <= 0.0:
+    if car.stays_for >= 0 and car.stays_for != ego.route[0].leg:
+        car.stays = 0.0
+    if car.stays <= 0.0:
         return False
-    car[STAYS] -= DECISION
+    car.stays -= DECISION
     return True
 
 
 @uncounted
-def hesitate(others: Others, i: int, k: int, left: float, wanted: float) -> float:
+def hesitate(ego: Ego, car: Any, left: float, wanted: float) -> float:
     """Return the speed of a driver who stops now and then without need; other drivers keep the wanted speed."""
-    car = others.cars[i, k]
-    if car[STANDS] <= 0.0:
+    if car.stands <= 0.0:
         return wanted
-    if car[UNTIL] > 0.0:
-        car[UNTIL] -= DECISION
-        if car[UNTIL] <= 0.0 and (left < 12.0 or others.ways[i, k, INSIDE]):
-            car[UNTIL] = 1.0  # not in a junction, nor right before it
+    if car.until > 0.0:
+        car.until -= DECISION
+        if car.until <= 0.0 and (left < 12.0 or car.inside):
+            car.until = 1.0  # not in a junction, nor right before it
         return wanted
-    if car[V] < 0.1:
-        car[UNTIL] -= DECISION
-        if car[UNTIL] < -car[STANDS]:
-            car[UNTIL] = 6.0 + 14.0 * draw(others, i)
-    return float(max(0.0, min(wanted, car[V] - BRAKING * DECISION)))
+    if car.v < 0.1:
+        car.until -= DECISION
+        if car.until < -car.stands:
+            car.until = 6.0 + 14.0 * draw(ego)
+    return float(max(0.0, min(wanted, car.v - BRAKING * DECISION)))
 
 
 @uncounted
-def decide_speed(
-    streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, k: int,
-    progress: Array, places: Array, state: Array,
-) -> float:  # fmt: skip
+def speed_for_gate(ego: Ego, k: int, left: float, wanted: float) -> float:
+    """Return the speed that the turn and the right of way allow at the end of a car's lane, m/s, at most as wanted."""
+    car, net = ego.cars[k], ego.net
+    gate, turning = net.gates[car.leg, car.gate], ego.streets.speeds[3 * car.leg + car.gate]
+    if car.inside:
+        if car.s < gate.inner:
+            wanted = min(wanted, turning)
+        ahead = gate.inner - car.s
+    else:
+        wanted = min(wanted, math.sqrt(turning * turning + 2.0 * GENTLE * max(left, 0.0)))
+        ahead = left + gate.inner
+    # Whatever comes, the car can stop at the end of the lane after the junction.
+    onward = net.legs[gate.leg]
+    if onward.approach:
+        wanted = min(wanted, safe_speed(ahead + onward.length - STOP, 0.0, BRAKING, REACTION))
+    if not car.inside and car.goes:
+        wanted = min(wanted, brake_for_ego(ego, car, left))
+    if not car.inside and not car.goes:
+        room = safe_speed(left - STOP, 0.0, BRAKING, REACTION)
+        if room < car.v + ACCELERATION * DECISION + 2.0:
+            if not stays(ego, car) and may_go(ego, k):
+                car.goes, car.waited = 1, 0.0
+            else:
+                wanted = min(wanted, room)
+                if car.v < 0.5 and left < 6.0:
+                    car.waited += DECISION
+    return float(wanted)
+
+
+@uncounted
+def decide_speed(ego: Ego, k: int) -> float:
     """Return the speed that a driver wants after the next decision, m/s."""
-    car, way = others.cars[i, k], others.ways[i, k]
-    leg, gate, v = way[LEG], way[GATE], car[V]
-    left = left_to_line(lengths, car, way)
-    wanted = min(car[LIKES] * streets.limits[leg], v + ACCELERATION * DECISION)
-    if gate >= 0:
-        at = guide.F_GATE + guide.GATE_FLOATS * gate
-        inner = lengths[leg, at + guide.G_INNER]
-        turning = streets.speeds[3 * leg + gate]
-        if way[INSIDE]:
-            if car[S] < inner:
-                wanted = min(wanted, turning)
-            ahead = inner - car[S]
-        else:
-            wanted = min(wanted, math.sqrt(turning * turning + 2.0 * GENTLE * max(left, 0.0)))
-            ahead = left + inner
-        # Whatever comes, the car can stop at the end of the lane after the junction.
-        onward = legs[leg, guide.L_GATE + guide.GATE_INTS * gate + guide.G_LEG]
-        if legs[onward, guide.L_APPROACH]:
-            wanted = min(wanted, safe_speed(ahead + lengths[onward, guide.F_LENGTH] - STOP, 0.0, BRAKING, REACTION))
-        if not way[INSIDE] and way[GOES]:
-            wanted = min(wanted, brake_for_ego(streets, lengths, others, i, k, progress, places, left))
-        if not way[INSIDE] and not way[GOES]:
-            room = safe_speed(left - STOP, 0.0, BRAKING, REACTION)
-            if room < v + ACCELERATION * DECISION + 2.0:
-                if not stays(others, i, k, progress) and may_go(
-                    streets, legs, lengths, others, i, k, progress, places, state
-                ):
-                    way[GOES] = 1
-                    car[WAITED] = 0.0
-                else:
-                    wanted = min(wanted, room)
-                    if v < 0.5 and left < 6.0:
-                        car[WAITED] += DECISION
-    gap, speed = leader_of(legs, lengths, others, i, k)
+    car, v = ego.cars[k], ego.cars[k].v
+    # To the next stop line that it has not got leave to pass.
+    left = FAR if car.inside else ego.net.legs[car.leg].length - car.s
+    wanted = min(car.likes * ego.streets.limits[car.leg], v + ACCELERATION * DECISION)
+    if car.gate >= 0:
+        wanted = speed_for_gate(ego, k, left, wanted)
+    gap, speed = leader_of(ego, k)
     wanted = min(wanted, safe_speed(gap - GAP, speed, BRAKING, REACTION))
-    reach = v * REACTION + v * v / (2.0 * BRAKING) + 8.0
-    gap, speed = gap_to_ego(points, along, legs, lengths, others, i, k, reach, state)
+    gap, speed = gap_to_ego(ego, car, v * REACTION + v * v / (2.0 * BRAKING) + 8.0)
     wanted = min(wanted, safe_speed(gap - GAP, speed, BRAKING, REACTION))
-    gap = gap_to_merging_ego(legs, lengths, others, i, k, progress, places)
-    wanted = min(wanted, safe_speed(gap - GAP, state[3], BRAKING, REACTION))
-    wanted = hesitate(others, i, k, left, wanted)
-    return max(0.0, wanted - IMPERFECTION * ACCELERATION * DECISION * draw(others, i))
+    gap = gap_to_merging_ego(ego, car)
+    wanted = min(wanted, safe_speed(gap - GAP, ego.state[3], BRAKING, REACTION))
+    wanted = hesitate(ego, car, left, wanted)
+    return max(0.0, wanted - IMPERFECTION * ACCELERATION * DECISION * draw(ego))
 
 
 @uncounted
-def choose_gate(legs: Array, others: Others, i: int, k: int) -> None:
+def choose_gate(ego: Ego, car: Any) -> None:
     """Draw the exit that a car takes at the end of its lane."""
-    way = others.ways[i, k]
-    gates = legs[way[LEG], guide.L_GATES]
-    way[GATE] = int(draw(others, i) * gates) if gates > 0 else -1
+    gates = ego.net.legs[car.leg].gates
+    car.gate = int(draw(ego) * gates) if gates > 0 else -1
 
 
 @uncounted
-def come_back(
-    streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, k: int,
-    state: Array,
-) -> None:  # fmt: skip
+def come_back(ego: Ego, car: Any) -> None:
     """Let a car that left the town come in at an entry, if there is room."""
-    car, way = others.cars[i, k], others.ways[i, k]
-    leg = streets.entries[int(draw(others, i) * len(streets.entries))]
-    for j in range(others.counts[i, VEHICLES]):
-        other = others.ways[i, j]
-        if other[HERE] and other[LEG] == leg and others.cars[i, j, S] < ENTRY:
+    leg = ego.streets.entries[int(draw(ego) * len(ego.streets.entries))]
+    for j in range(ego.traffic[0].vehicles):
+        other = ego.cars[j]
+        if other.here and other.leg == leg and other.s < ENTRY:
             return
-    dx, dy = points[legs[leg, guide.L_FIRST], 0] - state[0], points[legs[leg, guide.L_FIRST], 1] - state[1]
+    begin = ego.net.legs[leg].first
+    dx, dy = ego.net.points[begin, 0] - ego.state[0], ego.net.points[begin, 1] - ego.state[1]
     if dx * dx + dy * dy < ENTRY * ENTRY:
         return
-    way[LEG], way[INSIDE], way[GOES], way[HERE] = leg, 0, 0, 1
-    car[S], car[V], car[A], car[WAITED] = car[LENGTH] + STOP, 5.0, 0.0, 0.0
-    choose_gate(legs, others, i, k)
-    place_car(points, along, legs, lengths, car, way)
+    car.leg, car.inside, car.goes, car.here = leg, 0, 0, 1
+    car.s, car.v, car.a, car.waited = car.length + STOP, 5.0, 0.0, 0.0
+    choose_gate(ego, car)
+    place_car(ego.net, car)
 
 
 @uncounted
-def think(
-    streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int,
-    progress: Array, places: Array, state: Array,
-) -> None:  # fmt: skip
+def think(ego: Ego) -> None:
     """Let the drivers around an ego decide on their acceleration."""
-    for k in range(others.counts[i, VEHICLES]):
-        if others.ways[i, k, HERE] == 0:
-            come_back(streets, points, along, legs, lengths, others, i, k, state)
-        if others.ways[i, k, HERE]:
-            car = others.cars[i, k]
-            wanted = decide_speed(
-                streets, points, along, legs, lengths, others, i, k, progress, places, state
-            )  # fmt: skip
-            car[A] = max((wanted - car[V]) / DECISION, -EMERGENCY)
+    for k in range(ego.traffic[0].vehicles):
+        car = ego.cars[k]
+        if car.here == 0:
+            come_back(ego, car)
+        if car.here:
+            car.a = max((decide_speed(ego, k) - car.v) / DECISION, -EMERGENCY)
 
 
 @uncounted
-def move(
-    streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, state: Array,
-    seconds: float,
-) -> None:  # fmt: skip
+def move(ego: Ego, seconds: float) -> None:
     """Move an ego's road users for a sub-step."""
-    for k in range(others.counts[i, VEHICLES]):
-        car, way = others.cars[i, k], others.ways[i, k]
-        if way[HERE] == 0:
+    for k in range(ego.traffic[0].vehicles):
+        car = ego.cars[k]
+        if car.here == 0:
             continue
-        car[V] = max(0.0, car[V] + car[A] * seconds)
-        car[S] += car[V] * seconds
-        car[SINCE] += car[V] * seconds
-        leg, gate = way[LEG], way[GATE]
-        length = lengths[leg, guide.F_LENGTH]
-        if way[INSIDE]:
-            inner = lengths[leg, guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER]
-            if car[S] >= inner + car[LENGTH]:
-                car[S] -= inner
-                way[LEG] = legs[leg, guide.L_GATE + guide.GATE_INTS * gate + guide.G_LEG]
-                way[INSIDE] = way[GOES] = 0
-                choose_gate(legs, others, i, k)
-        elif car[S] >= length:
-            if gate < 0:
-                way[HERE] = 0
+        car.v = max(0.0, car.v + car.a * seconds)
+        car.s += car.v * seconds
+        car.since += car.v * seconds
+        length = ego.net.legs[car.leg].length
+        if car.inside:
+            gate = ego.net.gates[car.leg, car.gate]
+            if car.s >= gate.inner + car.length:
+                car.s -= gate.inner
+                car.leg, car.inside, car.goes = gate.leg, 0, 0
+                choose_gate(ego, car)
+        elif car.s >= length:
+            if car.gate < 0:
+                car.here = 0
                 continue
-            car[S] -= length
-            way[INSIDE] = 1
-        if not out_of_sight(car[X], car[Y], car[SINCE], state):
-            place_car(points, along, legs, lengths, car, way)
-    for k in range(others.counts[i, PEDESTRIANS]):
-        walker, walk = others.walkers[i, k], others.walks[i, k]
-        move_walker(streets, walker, walk, seconds)
-        if not out_of_sight(walker[W_X], walker[W_Y], walker[W_SINCE], state):
-            place_walker(streets, walker, walk)
+            car.s -= length
+            car.inside = 1
+        if not out_of_sight(car, ego.state):
+            place_car(ego.net, car)
+    for k in range(ego.traffic[0].pedestrians):
+        walker = ego.walkers[k]
+        move_walker(ego.streets, walker, seconds)
+        if not out_of_sight(walker, ego.state):
+            place_walker(ego.streets, walker)

@@ -32,10 +32,9 @@ from wrongturn_sim import guide
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS
 from wrongturn_sim.errors import TrialNotAloneError
 from wrongturn_sim.fleet import kernel
-from wrongturn_sim.fleet.egos import egos_for, with_rows
 from wrongturn_sim.fleet.headway import WAITING
 from wrongturn_sim.fleet.others import USER
-from wrongturn_sim.fleet.tables import FleetTables
+from wrongturn_sim.fleet.tables import FleetTables, egos_for, with_rows
 from wrongturn_sim.fleet.traffic import FleetTraffic, check_density, with_room
 from wrongturn_sim.replay import Replay
 from wrongturn_sim.roads import roads_of
@@ -163,20 +162,20 @@ class Fleet:
     @property
     def waits(self) -> NDArray[np.bool_]:
         """Whether other road users oblige each ego to stand or to creep, (n,)."""
-        waits: NDArray[np.bool_] = self._egos.others.permitted < WAITING
+        waits: NDArray[np.bool_] = self.permitted < WAITING
         return waits
 
     @property
     def permitted(self) -> NDArray[np.float64]:
         """View of the speeds that other road users permit, (n,), m/s; inf where nobody is in the way."""
-        return self._egos.others.permitted
+        return self._egos.others.of("permitted")
 
     @property
     def turns(self) -> NDArray[np.int64]:
         """Direction of each ego's route at the junction ahead or around it, (n,), also before its window; 0: none."""
-        legs, gates = self._egos.progress[:, guide.P_LEG], self._egos.progress[:, guide.P_GATE]
-        column = guide.L_GATE + guide.GATE_INTS * np.maximum(gates, 0) + guide.G_DIRECTION
-        turns: NDArray[np.int64] = np.where(gates >= 0, self._roads.ints[legs, column], 0)
+        progress = self._egos.progress.view(guide.PROGRESS)[:, 0]
+        gates = self._roads.gates[progress["leg"], np.maximum(progress["gate"], 0)]
+        turns: NDArray[np.int64] = np.where(progress["gate"] >= 0, gates["direction"], 0)
         return turns
 
     def others(self, chosen: NDArray[np.integer[Any]]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -190,7 +189,7 @@ class Fleet:
             first; and (k + 1,), where those of each ego begin.
         """
         others = self._egos.others
-        seen = others.seen[chosen]
+        seen = others.of("seen")[chosen]
         begins = np.concatenate(([0], np.cumsum(seen)))
         shown = np.arange(others.pictures.shape[1]) < seen[:, None]
         return others.pictures[chosen][shown], begins
@@ -223,7 +222,7 @@ class Fleet:
             egos.journeys[i] = journey is not None
             egos.goals[i] = 0 if journey is None else self._tables.goal_of(journey.goal)
             egos.state[i] = (*start_pose(self.town, trial), trial.start.speed, 0.0)
-            egos.draws[i] = start_route(self._roads, self.town, trial, egos.progress[i], egos.places[i])
+            egos.draws[i] = start_route(self._roads, self.town, trial, egos.progress[i])
             if terms is not None:
                 egos.terms[i] = terms
             if self._traffic is not None:

@@ -5,31 +5,14 @@ any, and a car that waits behind another is not punished for standing.
 """
 
 import math
+from typing import Any
 
 from wrongturn_judge.compiling import uncounted
 from wrongturn_judge.kernels import Array
-from wrongturn_sim import guide
 from wrongturn_sim.fleet.drivers import safe_speed, time_to
 from wrongturn_sim.fleet.ego_ahead import EGO_HALF_LENGTH, EGO_HALF_WIDTH, ego_to_line
-from wrongturn_sim.fleet.others import (
-    GATE,
-    GOES,
-    HERE,
-    INSIDE,
-    LEG,
-    LENGTH,
-    SAMPLES,
-    VEHICLES,
-    WIDTH,
-    Others,
-    S,
-    V,
-    X,
-    Y,
-    point_ahead,
-)
-from wrongturn_sim.fleet.right_of_way import CROSSES, YIELDS
-from wrongturn_sim.fleet.streets import Streets
+from wrongturn_sim.fleet.others import SAMPLES, Ego, point_ahead
+from wrongturn_sim.fleet.streets import CROSSES, YIELDS
 
 STRIDE = 1.0
 """Distance between the points that are checked, metres."""
@@ -63,21 +46,18 @@ def on_way(user: Array, px: float, py: float, ux: float, uy: float) -> tuple[boo
 
 
 @uncounted
-def will_cross(
-    points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, k: int, samples: int
-) -> int:
+def will_cross(ego: Ego, car: Any, samples: int) -> int:
     """Return the first point of the ego's way that a car soon crosses, by its own way; ``samples`` if there is none."""
-    car, way = others.cars[i, k], others.ways[i, k]
     found, seconds = samples, MOMENT
     while seconds <= SOON:
-        s = car[S] + car[V] * seconds - 0.5 * car[LENGTH]
-        x, y, ux, uy = point_ahead(points, along, legs, lengths, way[LEG], way[GATE], way[INSIDE], s)
+        s = car.s + car.v * seconds - 0.5 * car.length
+        x, y, ux, uy = point_ahead(ego.net, car.leg, car.gate, car.inside, s)
         for sample in range(found):
-            px, py, wx, wy = others.way[i, sample]
+            px, py, wx, wy = ego.way[sample]
             if abs(ux * wx + uy * wy) >= CROSSING:
                 continue
             ahead, across = (px - x) * ux + (py - y) * uy, (py - y) * ux - (px - x) * uy
-            if abs(ahead) < 0.5 * car[LENGTH] and abs(across) < 0.5 * car[WIDTH] + EGO_HALF_WIDTH + ASIDE:
+            if abs(ahead) < 0.5 * car.length and abs(across) < 0.5 * car.width + EGO_HALF_WIDTH + ASIDE:
                 found = sample
                 break
         seconds += MOMENT
@@ -85,32 +65,31 @@ def will_cross(
 
 
 @uncounted
-def way_clear(
-    points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int, progress: Array, places: Array,
-    state: Array,
-) -> float:  # fmt: skip
-    """Return the speed that the road users on the ego's way permit, m/s; inf where there are none."""
-    leg, gate, inside = progress[guide.P_LEG], progress[guide.P_GATE], progress[guide.P_INSIDE]
-    begin = places[guide.P_S] + EGO_HALF_LENGTH
-    if inside:
-        at = guide.L_GATE + guide.GATE_INTS * gate
-        end = along[legs[leg, at + guide.G_END] - 1]
-    else:
-        end = lengths[leg, guide.F_LENGTH]
-        if gate >= 0:
-            at = guide.L_GATE + guide.GATE_INTS * gate
-            end += along[legs[leg, at + guide.G_END] - 1]
+def find_way(ego: Ego) -> int:
+    """Fill the points of an ego's way ahead, and return their number."""
+    route, net, way = ego.route[0], ego.net, ego.way
+    begin = route.s + EGO_HALF_LENGTH
+    end = 0.0 if route.inside else net.legs[route.leg].length
+    if route.inside or route.gate >= 0:
+        end += net.along[net.gates[route.leg, route.gate].end - 1]
     # A car that ends a lane at the edge of the town sees less far.
     samples = min(SAMPLES, max(int((end - begin) / STRIDE) + 1, 0))
-    way = others.way[i]
     for k in range(samples):
         way[k, 0], way[k, 1], way[k, 2], way[k, 3] = point_ahead(
-            points, along, legs, lengths, leg, gate, inside, begin + k * STRIDE
+            net, route.leg, route.gate, route.inside, begin + k * STRIDE
         )
+    return samples
+
+
+@uncounted
+def way_clear(ego: Ego) -> float:
+    """Return the speed that the road users on the ego's way permit, m/s; inf where there are none."""
+    samples = find_way(ego)
+    way, state = ego.way, ego.state
     cos, sin = math.cos(state[2]), math.sin(state[2])
     best = math.inf
-    for number in range(others.seen[i]):
-        user = others.users[i, number]
+    for number in range(ego.traffic[0].seen):
+        user = ego.users[number]
         dx, dy = user[0] - state[0], user[1] - state[1]
         reach = AHEAD + EGO_HALF_LENGTH + 0.5 * user[3]
         if dx * dx + dy * dy > reach * reach or dx * cos + dy * sin < -EGO_HALF_LENGTH:
@@ -120,55 +99,45 @@ def way_clear(
             if there:
                 best = min(best, safe_speed(k * STRIDE - GAP, speed, BRAKING, REACTION))
                 break
-    for k in range(others.counts[i, VEHICLES]):
-        car = others.cars[i, k]
-        dx, dy, reach = car[X] - state[0], car[Y] - state[1], AHEAD + EGO_HALF_LENGTH + SOON * car[V] + car[LENGTH]
-        goes = others.ways[i, k, HERE] and (others.ways[i, k, INSIDE] or others.ways[i, k, GOES])
-        if not goes or car[V] < WAITING or dx * dx + dy * dy > reach * reach:
+    for k in range(ego.traffic[0].vehicles):
+        car = ego.cars[k]
+        dx, dy, reach = car.x - state[0], car.y - state[1], AHEAD + EGO_HALF_LENGTH + SOON * car.v + car.length
+        goes = car.here and (car.inside or car.goes)
+        if not goes or car.v < WAITING or dx * dx + dy * dy > reach * reach:
             continue
-        crossed = will_cross(points, along, legs, lengths, others, i, k, samples)
+        crossed = will_cross(ego, car, samples)
         if crossed < samples:
             best = min(best, safe_speed(crossed * STRIDE - GAP, 0.0, BRAKING, REACTION))
     return best
 
 
 @uncounted
-def junction_clear(
-    streets: Streets, lengths: Array, others: Others, i: int, progress: Array, places: Array, state: Array
-) -> float:
+def junction_clear(ego: Ego) -> float:
     """Return the speed towards the stop line that an ego may drive which has to give way there, m/s; else inf."""
-    leg, gate = progress[guide.P_LEG], progress[guide.P_GATE]
-    if progress[guide.P_INSIDE] or gate < 0:
+    route, net = ego.route[0], ego.net
+    if route.inside or route.gate < 0:
         return math.inf
-    left = ego_to_line(lengths, progress, places)
+    left = ego_to_line(ego)
     if not -1.5 <= left <= AHEAD:
         return math.inf
-    inner = lengths[leg, guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER]
-    clear = (max(left, 0.0) + inner + 2.0 * EGO_HALF_LENGTH) / max(state[3], 5.0) + 0.5
-    ours = 3 * leg + gate
-    for k in range(others.counts[i, VEHICLES]):
-        way = others.ways[i, k]
-        if way[HERE] == 0 or way[GATE] < 0:
+    inner = net.gates[route.leg, route.gate].inner
+    clear = (max(left, 0.0) + inner + 2.0 * EGO_HALF_LENGTH) / max(ego.state[3], 5.0) + 0.5
+    for k in range(ego.traffic[0].vehicles):
+        car = ego.cars[k]
+        if car.here == 0 or car.gate < 0:
             continue
-        rule = streets.rules[ours, 3 * way[LEG] + way[GATE]]
-        waits = rule & CROSSES and (way[INSIDE] or way[GOES])
-        if rule & YIELDS and not waits and not way[INSIDE]:
-            away = lengths[way[LEG], guide.F_LENGTH] - others.cars[i, k, S]
-            waits = others.cars[i, k, V] > 0.5 and time_to(away, others.cars[i, k, V]) < clear
+        rule = ego.streets.rules[3 * route.leg + route.gate, 3 * car.leg + car.gate]
+        waits = rule & CROSSES and (car.inside or car.goes)
+        if rule & YIELDS and not waits and not car.inside:
+            waits = car.v > 0.5 and time_to(net.legs[car.leg].length - car.s, car.v) < clear
         if waits:
             return safe_speed(left - 0.5, 0.0, BRAKING, REACTION)
     return math.inf
 
 
 @uncounted
-def permit(
-    streets: Streets, points: Array, along: Array, legs: Array, lengths: Array, others: Others, i: int,
-    progress: Array, places: Array, state: Array,
-) -> float:  # fmt: skip
+def permit(ego: Ego) -> float:
     """Return the greatest speed that traffic permits an ego, m/s; inf where nobody is in its way."""
-    if others.counts[i, VEHICLES] == 0 and others.seen[i] == 0:
+    if ego.traffic[0].vehicles == 0 and ego.traffic[0].seen == 0:
         return math.inf
-    return min(
-        way_clear(points, along, legs, lengths, others, i, progress, places, state),
-        junction_clear(streets, lengths, others, i, progress, places, state),
-    )
+    return min(way_clear(ego), junction_clear(ego))

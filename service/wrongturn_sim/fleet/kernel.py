@@ -15,11 +15,11 @@ from wrongturn_judge.kernels import Array
 from wrongturn_protocol import vehicle
 from wrongturn_sim import ego, guide, polyline, reward
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, advance
-from wrongturn_sim.fleet import drivers, ego_ahead, headway, meeting, others, right_of_way, settling, streets, waiting
-from wrongturn_sim.fleet.others import PEDESTRIANS, VEHICLES, Others
+from wrongturn_sim.fleet import drivers, ego_ahead, headway, meeting, others, settling, streets
+from wrongturn_sim.fleet.others import CAR, TRAFFIC, WALKER, Ego, Others
 from wrongturn_sim.fleet.streets import Streets
-from wrongturn_sim.guide import LANE_FOLLOW
-from wrongturn_sim.reward import score, score_below
+from wrongturn_sim.guide import LANE_FOLLOW, LEG, PROGRESS, net_of
+from wrongturn_sim.reward import score_below
 from wrongturn_sim.traffic import crowd, plan, slots
 
 REST, DRIVE, GUIDE, BEGIN = 0, 1, 2, 3
@@ -36,8 +36,8 @@ class Tables(NamedTuple):
     points: Array
     along: Array
     legs: Array
-    lengths: Array
-    """``points``, ``along``, ``ints`` and ``floats`` of :class:`~wrongturn_sim.roads.Roads`."""
+    gates: Array
+    """:attr:`wrongturn_sim.roads.Roads.tables`"""
     exits: Array
     exits_mask: Array
     floats: Array
@@ -88,8 +88,7 @@ class Egos(NamedTuple):
     """State of the judge, as in ``decide.py``."""
     draws: Array
     progress: Array
-    places: Array
-    """State of the route planner, as in ``guide.py``."""
+    """State of the route planner: (n, DRAWS), and a row of :data:`~wrongturn_sim.guide.PROGRESS` for each."""
     guided: Array
     """(n, 2): the route's command, and the leg of its window."""
     beside: Array
@@ -133,19 +132,16 @@ class Observations(NamedTuple):
 def update_command(tables: Tables, egos: Egos, i: int) -> None:
     """Ask the route and the fault for an ego's next command."""
     command, leg, travelled, lateral, heading = guide.update(
-        tables.points, tables.along, tables.legs, tables.lengths, egos.draws[i], tables.ways[egos.goals[i]],
-        egos.progress[i], egos.places[i], egos.state[i, 0], egos.state[i, 1],
+        tables.points, tables.along, tables.legs, tables.gates, egos.draws[i], tables.ways[egos.goals[i]],
+        egos.progress[i], egos.state[i, 0], egos.state[i, 1],
     )  # fmt: skip
-    egos.guided[i, 0] = command
-    egos.guided[i, 1] = leg
-    egos.beside[i, 0] = travelled
-    egos.beside[i, 1] = lateral
-    egos.beside[i, 2] = heading
+    egos.guided[i, 0], egos.guided[i, 1] = command, leg
+    egos.beside[i, 0], egos.beside[i, 1], egos.beside[i, 2] = travelled, lateral, heading
     fault = egos.faults[i]
     if fault == FAULT_OMISSION:
         command = LANE_FOLLOW
     elif fault == FAULT_INFEASIBLE and command != LANE_FOLLOW and leg >= 0:
-        missing = tables.legs[leg, guide.L_MISSING]
+        missing = tables.legs.view(LEG)[leg, 0].missing
         if missing != 0:
             command = missing
     egos.delivered[i] = command
@@ -161,7 +157,7 @@ def judge_row(tables: Tables, egos: Egos, i: int, command: int) -> bool:
     over = tables.drive_on > 0 and row >= tables.drive_on
     if tables.drive_on > 0 and egos.counts[i, decide.D_VERDICT] != 0:
         return over
-    users = egos.others.users[i, : egos.others.seen[i]]
+    users = egos.others.users[i, : egos.others.traffic[i].view(TRAFFIC)[0].seen]
     geometry = egos.approaches[i]
     bases = tables.bases
     floats = tables.floats[bases[geometry, 0] : bases[geometry + 1, 0]]
@@ -192,23 +188,22 @@ def observe(tables: Tables, egos: Egos, observations: Observations, i: int) -> N
         return
     for k in range(3):
         observations.pose[i, k] = egos.state[i, k]
-    if observations.road_users_count[i, 0] > 0 or egos.others.seen[i] > 0:
-        shown = min(egos.others.seen[i], observations.road_users.shape[1])
+    seen = egos.others.traffic[i].view(TRAFFIC)[0].seen
+    if observations.road_users_count[i, 0] > 0 or seen > 0:
+        shown = min(seen, observations.road_users.shape[1])
         observations.road_users[i] = 0.0
         for k in range(shown):
             for column in range(others.USER):
                 observations.road_users[i, k, column] = egos.others.users[i, k, column]
         observations.road_users_count[i, 0] = shown
-    progress = egos.progress[i]
-    left = guide.stop_line(tables.legs, tables.lengths, progress, egos.places[i])
+    row = egos.progress[i]
+    left = guide.stop_line(tables.legs, row)
     observations.stop_line[i, 0] = left
-    guide.lane_ahead(
-        tables.points, tables.along, tables.legs, tables.lengths, progress, egos.places[i], observations.lane[i]
-    )  # fmt: skip
-    if progress[guide.P_INSIDE] or left >= 0.0:
-        leg = progress[guide.P_LEG]
-        observations.exits[i] = tables.exits[leg]
-        observations.exits_mask[i] = tables.exits_mask[leg]
+    guide.lane_ahead(tables.points, tables.along, tables.legs, row, observations.lane[i])
+    progress = row.view(PROGRESS)[0]
+    if progress.inside or left >= 0.0:
+        observations.exits[i] = tables.exits[progress.leg]
+        observations.exits_mask[i] = tables.exits_mask[progress.leg]
     else:
         observations.exits[i] = 0.0
         observations.exits_mask[i] = 0
@@ -220,106 +215,79 @@ def drive(tables: Tables, egos: Egos, i: int) -> None:
     steer, throttle, brake = egos.actions[i, 0], egos.actions[i, 1], egos.actions[i, 2]
     decision = egos.sub_steps[i] // SUB_STEPS
     if egos.inputs.shape[1] > 0:
-        egos.inputs[i, decision, 0] = steer
-        egos.inputs[i, decision, 1] = throttle
-        egos.inputs[i, decision, 2] = brake
+        egos.inputs[i, decision, 0], egos.inputs[i, decision, 1], egos.inputs[i, decision, 2] = steer, throttle, brake
     command = egos.delivered[i]
     state = egos.state[i]
     x, y, yaw, v, steering = state[0], state[1], state[2], state[3], state[4]
     beside = has_others(egos, i)
     if beside:
-        meeting.meet(
-            tables.streets, tables.points, tables.along, tables.legs, tables.lengths, egos.others, i,
-            egos.progress[i], egos.places[i], state,
-        )  # fmt: skip
-        waiting.wait(
-            tables.points, tables.along, tables.legs, tables.lengths, egos.others, i,
-            egos.progress[i], egos.places[i], state,
-        )  # fmt: skip
-        drivers.think(
-            tables.streets, tables.points, tables.along, tables.legs, tables.lengths, egos.others, i,
-            egos.progress[i], egos.places[i], state,
-        )  # fmt: skip
+        ego = ego_of(tables, egos, i)
+        meeting.meet(ego)
+        meeting.wait(ego)
+        drivers.think(ego)
         egos.meetings[i] = 0
     for sub_step in range(SUB_STEPS):
         x, y, yaw, v, steering = advance(x, y, yaw, v, steering, steer, throttle, brake, SUB_STEP)
-        state[0] = x
-        state[1] = y
-        state[2] = yaw
-        state[3] = v
-        state[4] = steering
+        state[0], state[1], state[2], state[3], state[4] = x, y, yaw, v, steering
         egos.sub_steps[i] += 1
         if beside:
-            meet(tables, egos, i, sub_step)
+            if ego.traffic[0].permitted < headway.WAITING:
+                # Who waits for others does not stand: training ends no drive for that.
+                egos.standing[i, journey_kernels.J_SLOW_SINCE] = math.nan
+            drivers.move(ego, SUB_STEP)
+            others.look(ego)
+            note_meeting(egos, i, sub_step)
         if judge_row(tables, egos, i, command):
             break
     update_command(tables, egos, i)
-    egos.rewards[i] = score(v, yaw, egos.guided[i, 0] != LANE_FOLLOW, egos.beside[i, 1], egos.beside[i, 2])
+    turning = egos.guided[i, 0] != LANE_FOLLOW
+    permitted = math.inf
     if beside:
-        reward_beside(tables, egos, i)
+        permitted = headway.permit(ego)
+        ego.traffic[0].permitted = permitted
+    egos.rewards[i] = score_below(permitted, v, yaw, turning, egos.beside[i, 1], egos.beside[i, 2])
 
 
 @njit()
 def has_others(egos: Egos, i: int) -> bool:
     """Return whether an ego has other road users."""
-    return bool(egos.others.counts[i, VEHICLES] + egos.others.counts[i, PEDESTRIANS] > 0)
+    traffic = egos.others.traffic[i].view(TRAFFIC)[0]
+    return bool(traffic.vehicles + traffic.pedestrians > 0)
 
 
 @njit()
-def meet(tables: Tables, egos: Egos, i: int, sub_step: int) -> None:
-    """Move an ego's road users for a sub-step, and find those that it sees."""
-    state = egos.state[i]
-    if egos.others.permitted[i] < headway.WAITING:
-        # Who waits for others does not stand: training ends no drive for that.
-        egos.standing[i, journey_kernels.J_SLOW_SINCE] = math.nan
-    drivers.move(
-        tables.streets, tables.points, tables.along, tables.legs, tables.lengths, egos.others, i, state, SUB_STEP
+def ego_of(tables: Tables, egos: Egos, i: int) -> Ego:
+    """Return what an ego's road users mind."""
+    others = egos.others
+    return Ego(
+        tables.streets, net_of(tables.points, tables.along, tables.legs, tables.gates),
+        others.traffic[i].view(TRAFFIC), others.cars[i].view(CAR)[:, 0], others.walkers[i].view(WALKER)[:, 0],
+        others.users[i], others.pictures[i], others.near[i], others.way[i],
+        egos.progress[i].view(PROGRESS), egos.state[i],
     )  # fmt: skip
-    others.look(egos.others, i, state[0], state[1])
-    note_meeting(egos, i, sub_step)
 
 
 @njit()
 def note_meeting(egos: Egos, i: int, sub_step: int) -> None:
     """Keep the road users that an ego sees, for its record."""
     if egos.met.shape[2] > 0:
-        egos.meetings[i, sub_step] = egos.others.seen[i]
-        for k in range(egos.others.seen[i]):
+        seen = egos.others.traffic[i].view(TRAFFIC)[0].seen
+        egos.meetings[i, sub_step] = seen
+        for k in range(seen):
             egos.met[i, sub_step, k] = egos.others.users[i, k]
-
-
-@njit()
-def reward_beside(tables: Tables, egos: Egos, i: int) -> None:
-    """Find the speed that traffic permits, and reward the ego by it."""
-    state = egos.state[i]
-    permitted = headway.permit(
-        tables.streets, tables.points, tables.along, tables.legs, tables.lengths, egos.others, i,
-        egos.progress[i], egos.places[i], state,
-    )  # fmt: skip
-    egos.others.permitted[i] = permitted
-    egos.rewards[i] = score_below(
-        permitted, state[3], state[2], egos.guided[i, 0] != LANE_FOLLOW, egos.beside[i, 1], egos.beside[i, 2]
-    )
 
 
 @njit()
 def begin_beside(tables: Tables, egos: Egos, i: int) -> None:
     """Place the road users of an ego that begins a trial."""
-    egos.others.seen[i] = 0
-    egos.others.permitted[i] = math.inf
-    if not has_others(egos, i):
-        return
-    state = egos.state[i]
-    settling.settle(
-        tables.streets, tables.points, tables.along, tables.legs, tables.lengths, egos.others, i,
-        egos.progress[i], egos.places[i], state,
-    )  # fmt: skip
-    others.look(egos.others, i, state[0], state[1])
-    note_meeting(egos, i, 0)
-    egos.others.permitted[i] = headway.permit(
-        tables.streets, tables.points, tables.along, tables.legs, tables.lengths, egos.others, i,
-        egos.progress[i], egos.places[i], state,
-    )  # fmt: skip
+    traffic = egos.others.traffic[i].view(TRAFFIC)[0]
+    traffic.seen, traffic.permitted = 0, math.inf
+    if has_others(egos, i):
+        ego = ego_of(tables, egos, i)
+        settling.settle(ego)
+        others.look(ego)
+        note_meeting(egos, i, 0)
+        traffic.permitted = headway.permit(ego)
 
 
 @njit()
@@ -328,13 +296,12 @@ def keep_commands(egos: Egos, i: int) -> None:
     if egos.commands.shape[1] == 0:
         return
     decision = (egos.sub_steps[i] + SUB_STEPS - 1) // SUB_STEPS  # a verdict can end a decision half-way
-    egos.commands[i, decision, 0] = egos.delivered[i]
-    egos.commands[i, decision, 1] = egos.guided[i, 0]
+    egos.commands[i, decision, 0], egos.commands[i, decision, 1] = egos.delivered[i], egos.guided[i, 0]
 
 
 @compiled_with(
     vehicle, ego, polyline, guide, kernels, decide, journey_kernels, reward,
-    drivers, ego_ahead, headway, meeting, others, right_of_way, settling, streets, waiting, crowd, plan, slots,
+    drivers, ego_ahead, headway, meeting, others, settling, streets, crowd, plan, slots,
     nogil=True,
 )  # fmt: skip
 def run(tables: Tables, egos: Egos, observations: Observations, first: int, end: int) -> None:

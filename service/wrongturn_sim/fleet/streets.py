@@ -1,5 +1,9 @@
-"""What a fleet's traffic needs to know of a town: right of way, limits, pavements, and places to start from."""
+"""What a fleet's traffic needs to know of a town: right of way, limits, pavements, and places to start from.
 
+A *gate* is one way through a junction: an approach and one of its exits. It has the number ``3 * leg + exit``.
+"""
+
+import xml.etree.ElementTree as ET
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -8,13 +12,15 @@ from numpy.typing import NDArray
 
 from wrongturn_judge.kernels import Array
 from wrongturn_networks import Town
-from wrongturn_sim.fleet.right_of_way import YIELDS, limits_of, rules_of
 from wrongturn_sim.polyline import measure
 from wrongturn_sim.roads import roads_of
 from wrongturn_sim.traffic.plan import BODIES
 from wrongturn_sim.traffic.sidewalks import Sidewalks, sidewalks_of
 from wrongturn_sim.traffic.slots import car_slots, pedestrian_slots
 
+CROSSES, YIELDS = 1, 2
+"""Bits of a rule: the two ways cross or merge; the first one must give way to the second."""
+_SPEED: Final = 13.89  # SUMO's usual limit in towns, m/s
 MOST: Final = 0.5
 """Greatest share of a town's places to start from that traffic may take, so that free ones are found by trying."""
 
@@ -23,7 +29,7 @@ class Streets(NamedTuple):
     """Arrays that the traffic of all egos shares."""
 
     rules: Array
-    """(gates, gates) uint8; see :mod:`~wrongturn_sim.fleet.right_of_way`."""
+    """(gates, gates) uint8: bits of the rule between any two gates."""
     minor: Array
     """(gates,) bool: whether a car that takes this gate has to give way to anybody."""
     speeds: Array
@@ -47,10 +53,40 @@ class Streets(NamedTuple):
 
 
 @lru_cache(maxsize=16)
+def rules_of(town: Town) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the rules of a town's junctions, as SUMO's network states them.
+
+    Returns:
+        The rules between any two gates (G, G); the speed limit of each gate (G,) and of each leg (legs,), m/s.
+    """
+    root = ET.parse(town.net_file).getroot()  # noqa: S314 - a file of the town, whose checksum was compared
+    limits = {lane.attrib["id"]: float(lane.get("speed", _SPEED)) for lane in root.iter("lane")}
+    roads = roads_of(town)
+    gates: dict[str, int] = {}
+    speeds = np.full(3 * len(roads.lanes), _SPEED)
+    for leg, approach in enumerate(roads.approaches):
+        for k, exit_ in enumerate(approach.exits.values() if approach is not None else ()):
+            gates.update(dict.fromkeys(exit_.internal_lanes, 3 * leg + k))
+            speeds[3 * leg + k] = min(limits[lane] for lane in exit_.internal_lanes)
+    rules = np.zeros((len(speeds), len(speeds)), np.uint8)
+    for junction in root.iter("junction"):
+        numbers = [gates.get(lane) for lane in junction.get("intLanes", "").split()]
+        for request in junction.iter("request"):
+            ours = numbers[int(request.attrib["index"])]
+            for bit, name in ((CROSSES, "foes"), (YIELDS, "response")):
+                # The last character is that of the first link.
+                for other, flag in zip(numbers, reversed(request.attrib[name]), strict=False):
+                    if flag == "1" and ours is not None and other is not None:
+                        rules[ours, other] |= bit
+    rules |= rules.T & CROSSES
+    return rules, speeds, np.array([limits.get(name, _SPEED) for name in roads.names])
+
+
+@lru_cache(maxsize=16)
 def streets_of(town: Town) -> Streets:
     """Return the streets of a town; they are made once."""
     roads = roads_of(town)
-    rules, speeds = rules_of(town)
+    rules, speeds, limits = rules_of(town)
     cars = car_slots(town)
     slots = [(roads.legs[lane], at, x, y) for (lane, at), (x, y) in zip(cars.places, cars.points.tolist(), strict=True)]
     entries = [roads.legs[lane.id] for lane in town.lanes.values() if lane.start_junction is None]
@@ -67,7 +103,7 @@ def streets_of(town: Town) -> Streets:
         rules=rules,
         minor=np.asarray(((rules & YIELDS) > 0).any(axis=1)),
         speeds=speeds,
-        limits=limits_of(town),
+        limits=limits,
         slots=np.array(slots, np.float64).reshape(-1, 4),
         entries=np.array(entries, np.int64),
         bodies=np.array(bodies),
@@ -126,16 +162,8 @@ def _chain(walks: Sidewalks, left: dict[str, None]) -> list[tuple[str, bool]]:
 
 def no_streets() -> Streets:
     """Return empty arrays, for fleets without traffic."""
+    kinds = {"rules": np.uint8, "minor": np.bool_, "entries": np.int64, "walks": np.int64}
+    flat = {"minor", "speeds", "limits", "entries", "along"}
     return Streets(
-        rules=np.zeros((0, 0), np.uint8),
-        minor=np.zeros(0, np.bool_),
-        speeds=np.empty(0),
-        limits=np.empty(0),
-        slots=np.empty((0, 4)),
-        entries=np.empty(0, np.int64),
-        bodies=np.empty((0, 4)),
-        paths=np.empty((0, 2)),
-        along=np.empty(0),
-        walks=np.empty((0, 3), np.int64),
-        doors=np.empty((0, 4)),
+        **{name: np.zeros(0 if name in flat else (0, 0), kinds.get(name, np.float64)) for name in Streets._fields}
     )

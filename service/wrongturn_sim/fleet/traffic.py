@@ -11,7 +11,7 @@ from typing import Any, Final
 from wrongturn_networks import Town
 from wrongturn_protocol import Trial
 from wrongturn_sim.errors import TrafficTooDenseError
-from wrongturn_sim.fleet.others import HESITANT, LEADS, MEETS, PEDESTRIANS, VEHICLES, WAITS, Others, others_for
+from wrongturn_sim.fleet.others import TRAFFIC, Others, others_for
 from wrongturn_sim.fleet.streets import MOST, streets_of
 
 _GOLDEN: Final = 0x9E3779B97F4A7C15
@@ -48,12 +48,15 @@ class FleetTraffic:
 
     def set(self, others: Others, i: int, trial: Trial) -> None:
         """Set how many road users an ego has, and from which seed they are drawn."""
-        others.counts[i] = trial.traffic.vehicles, trial.traffic.pedestrians
-        others.habits[i, HESITANT], others.habits[i, LEADS] = self.hesitant, self.leaders
-        others.habits[i, MEETS], others.habits[i, WAITS] = self.crossers, self.waiters
-        others.junction[i] = -1
+        for array in others:
+            array[i] = 0.0
+        traffic = others.traffic[i].view(TRAFFIC)[0]
+        traffic.vehicles, traffic.pedestrians = trial.traffic.vehicles, trial.traffic.pedestrians
+        traffic.hesitant, traffic.leaders = self.hesitant, self.leaders
+        traffic.crossers, traffic.waiters = self.crossers, self.waiters
+        traffic.met = traffic.stood = -1
         folded = (trial.seed * _GOLDEN + _GOLDEN) & _MASK
-        others.random[i] = folded - 2**64 if folded >= 2**63 else folded
+        traffic.random = folded - 2**64 if folded >= 2**63 else folded
 
 
 def check_density(town: Town, trial: Trial) -> None:
@@ -81,10 +84,10 @@ def with_room(others: Others, trials: Sequence[Trial]) -> Others:
     vehicles = max((trial.traffic.vehicles for trial in trials), default=0)
     pedestrians = max((trial.traffic.pedestrians for trial in trials), default=0)
     have = others.cars.shape[1], others.walkers.shape[1]
-    if vehicles <= have[VEHICLES] and pedestrians <= have[PEDESTRIANS]:
+    if vehicles <= have[0] and pedestrians <= have[1]:
         return others
     grown = others_for(
-        len(others.counts),
+        len(others.traffic),
         *(-(-max(a, b) // _MORE) * _MORE for a, b in zip((vehicles, pedestrians), have, strict=True)),
     )
     for ours, before in zip(grown, others, strict=True):

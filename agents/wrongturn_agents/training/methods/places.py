@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from wrongturn_agents.models.doubt import FARTHEST
 from wrongturn_networks import Town
 from wrongturn_protocol import DIRECTIONS
-from wrongturn_sim import guide
 from wrongturn_sim.roads import roads_of
 
 Numbers = NDArray[np.float64]
@@ -111,9 +110,7 @@ def points_of(town: Town) -> Points:
         groups["elsewhere"].append(rows[left > NEAR])
         for gate in range(0 if approach is None else len(approach.exits)):
             line, along = roads.path_of(leg, gate)
-            # The length of an exit's path from the stop line to the exit line.
-            inner = roads.floats[leg, guide.F_GATE + guide.GATE_FLOATS * gate + guide.G_INNER]
-            s = np.arange(0.0, float(inner), STEP)
+            s = np.arange(0.0, float(roads.gates[leg, gate].inner), STEP)
             groups["inside"].append(put(line, along, s))
             distances.append(np.zeros(len(s)))
             exits.append(np.tile(mask, (len(s), 1)))
