@@ -10,7 +10,6 @@ from .geometry import LaneStrip as LaneStrip
 from .journey_geometry import JourneyGeometry as JourneyGeometry
 from .judges import JourneyJudge as JourneyJudge
 from .judges import Judge as Judge
-from .judges import Zone as Zone
 from .judges import judge as judge
 from .judges import judge_of as judge_of
 from .metrics import SuiteLike as SuiteLike

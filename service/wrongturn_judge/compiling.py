@@ -1,17 +1,18 @@
 """Cached compilation of functions that call functions of other files.
 
 Numba's cache only notices changes to a function's own file. After a change to a function that it calls, the old code
-would run on. So the cached name of a function carries a checksum of the files that it depends on.
+would run on. So the cached name of a function carries a checksum of all files of ours that its file imports.
 """
 
 import contextlib
+import functools
 import hashlib
 import os
+import re
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Final, TypeVar, cast
 
 import numpy as np
@@ -23,24 +24,41 @@ from wrongturn_judge.home import CACHE_VARIABLE
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
+_IMPORT: Final = re.compile(r"^from ([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
+_PACKAGES: Final = ("wrongturn_judge", "wrongturn_sim", "wrongturn_protocol")
+"""Packages whose functions and constants numba freezes into compiled code."""
 
-def compiled_with(*modules: ModuleType, **options: Any) -> Callable[[_Function], _Function]:
-    """Return a decorator like ``njit(cache=True, **options)`` for a function that depends on other modules.
 
-    Args:
-        modules: those whose compiled functions or constants the function uses, itself or through another one. Numba
-            freezes both into the cached code.
-        options: for ``njit``.
-    """
-    digest = hashlib.sha256(Path(__file__).read_bytes())
-    for module in modules:
-        digest.update(Path(str(module.__file__)).read_bytes())
+def compiled(**options: Any) -> Callable[[_Function], _Function]:
+    """Return a decorator like ``njit(cache=True, **options)`` for a function that may depend on other modules."""
 
-    def compiled(function: _Function) -> _Function:
-        function.__qualname__ += f"_{digest.hexdigest()[:12]}"
+    def decorate(function: _Function) -> _Function:
+        function.__qualname__ += f"_{_digest(function.__module__)}"
         return cast(_Function, njit(cache=True, **options)(function))
 
-    return compiled
+    return decorate
+
+
+@functools.cache
+def _digest(module: str) -> str:
+    """Return a checksum of a module and of all that it imports from our packages, directly or not."""
+    found: dict[str, bytes] = {}
+    _read(module, found)
+    return hashlib.sha256(b"".join(found[name] for name in sorted(found))).hexdigest()[:12]
+
+
+def _read(module: str, found: dict[str, bytes]) -> None:
+    package, *rest = module.split(".")
+    folder = Path(str(sys.modules[package].__file__)).parent
+    file = folder.joinpath(*rest).with_suffix(".py")
+    if module in found or not rest or not file.is_file():
+        return
+    found[module] = file.read_bytes()
+    for whole, names in _IMPORT.findall(found[module].decode()):
+        # What a file of the protocol imports is no number or function that a kernel uses.
+        if package != "wrongturn_protocol" and whole.partition(".")[0] in {package, *_PACKAGES}:
+            for name in (whole, *(f"{whole}.{name}" for name in re.findall(r"\w+", names))):
+                _read(name, found)
 
 
 def uncounted(function: _Function) -> _Function:

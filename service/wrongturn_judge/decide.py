@@ -1,69 +1,54 @@
 """The judge's decision, compiled: it updates an episode's state with one row of the trajectory.
 
-The state (*standing*) of an episode is an array of floats, one of ints, and the *history*: a row for each row of the
-trajectory, from which the judge tells how far the car moved in the last seconds. A
-:class:`~wrongturn_judge.judges.Judge` keeps one; a fleet keeps one for each car. The arithmetic is plain float64
-without fastmath, as in ``kernels.py``.
+The state of an episode is a STATE. Its *history* has a MOMENT for each row of the trajectory, which tells how far the
+car moved in the last seconds. A :class:`~wrongturn_judge.judges.Judge` keeps one of each; a fleet keeps one for each
+car. The arithmetic is plain float64 without fastmath, as in ``kernels.py``.
 """
 
 import math
+from typing import Any
 
-from numba import njit
-
-from wrongturn_judge import kernels
-from wrongturn_judge.compiling import compiled_with
+from wrongturn_judge.compiling import compiled, record
 from wrongturn_judge.kernels import (
     CENTRE_OFF,
     ENGAGED,
     FAR,
+    HEAD,
     HIT,
-    I_AREA_TABLE,
     IN_AREA,
     IN_OTHER,
-    N_AREA_TOTAL,
-    N_HALF_LENGTH,
-    N_HALF_WIDTH,
-    N_LAST_WAIT_TIME,
-    N_OPPOSED_DISTANCE,
-    N_REST_DISTANCE,
-    N_REST_TIME,
-    N_REST_TOTAL,
-    N_STAND_DISTANCE,
-    N_STAND_TIME,
-    N_TIME_LIMIT,
-    N_WAIT_DISTANCE,
-    N_WAIT_TIME,
-    N_WHEELS_OFF,
     NOT_FINITE,
+    NUMBERS,
     OPPOSED,
     PAST_SHIFT,
     TAKEN_SHIFT,
     WHEELS,
     Array,
+    Ground,
     box_meets,
     inspect_row,
     nose_past,
 )
 
-# Floats of every state: the last row, and the extremes so far.
-S_T, S_X, S_Y, S_V, S_MIN_TTC, S_MAX_DECELERATION = 0, 1, 2, 3, 4, 5
-# Floats of a junction: metres driven; seconds in the junction's area, and at rest there; metres and seconds of kerb
-# bites; metres on opposed lanes; metres that a stopped car's nose is past the line; when the car first stood (both nan:
-# it did not).
-S_DRIVEN, S_AREA, S_REST, S_KERB_M, S_KERB_S, S_OPPOSED_M, S_OVER_LINE, S_FIRST_STOP = 6, 7, 8, 9, 10, 11, 12, 13
-STANDING_FLOATS = 14
+STATE = record(
+    "t x y v min_ttc max_deceleration driven area rest kerb_m kerb_s opposed_m over_line first_stop "
+    "slow_since oncoming_since last_off last_wrong left",
+    "zone delivered past heard flags ran_out verdict direction rows stand at_rest wait counted "
+    "lane junctions off wrong",
+)
+"""The last row; the extremes so far; metres driven. Of a junction: seconds in its area, and at rest there; metres and
+seconds of kerb bites; metres on opposed lanes; metres that a stopped car's nose is past the line; when the car first
+stood (both nan: it did not). Of a journey: since when the car stands (nan: it moves), and since when the centre is in
+an oncoming lane (nan: it is not); when it was last off the road, and in an oncoming lane (-inf: never); least metres
+left to the goal.
 
-# Ints of the state. D_FOR takes three, in the order of DIRECTIONS: the direction that was delivered last when the car
-# was too far past that exit for later commands to count (0: none was delivered; -1: not that far yet).
-D_ZONE, D_DELIVERED, D_PAST, D_FOR, D_FLAGS, D_RAN_OUT, D_VERDICT, D_DIRECTION = 0, 1, 2, 3, 6, 7, 8, 9
-# The number of rows; the first rows from which the car moved less than it may to stand, to be at rest, and to wait; and
-# the row up to which time at rest is counted.
-D_ROWS, D_STAND, D_AT_REST, D_WAIT, D_COUNTED = 10, 11, 12, 13, 14
-STANDING_INTS = 15
-
-H_T, H_DRIVEN, H_AREA = 0, 1, 2
-"""Columns of the history: time, metres driven, seconds in the junction's area."""
-HISTORY = 3
+The zone; the last direction that was delivered; a bit for each exit that the car was too far past for later commands to
+count, and in two bits each the direction that was delivered last before that (0: none was); flags; whether the time ran
+out; the verdict; the exit's direction; the number of rows; the first rows from which the car moved less than it may to
+stand, to be at rest, and to wait; the row up to which time at rest is counted. Of a journey: the last lane that the
+centre was in and drove along (-1: none); the counts."""
+MOMENT = record("t driven area")
+"""Time, metres driven, seconds in the junction's area."""
 
 AHEAD, NEAR, INSIDE, BEYOND = 0, 1, 2, 3
 """Zones: the centre never came near the stop line; it did; it is in the junction's area; it was, and has left it."""
@@ -81,30 +66,28 @@ FULL = -3
 """Result when the history has no room for another row."""
 
 
-@njit(cache=True)
-def begin(past: Array, ints: Array) -> None:
-    """Set the state to that of an episode without rows."""
-    past[:STANDING_FLOATS] = 0.0
-    past[S_T] = -math.inf
-    past[S_X] = past[S_Y] = past[S_OVER_LINE] = past[S_FIRST_STOP] = math.nan
-    past[S_MIN_TTC] = math.inf
-    ints[:] = 0
-    ints[D_FOR] = ints[D_FOR + 1] = ints[D_FOR + 2] = -1
+@compiled()
+def begin(row: Array) -> None:
+    """Set a STATE to that of an episode without rows."""
+    row[:] = 0.0
+    state = row.view(STATE)[0]
+    state.t = state.last_off = state.last_wrong = -math.inf
+    state.x = state.y = state.over_line = state.first_stop = math.nan
+    state.slow_since = state.oncoming_since = math.nan
+    state.min_ttc = state.left = math.inf
+    state.lane = -1
 
 
-@njit(cache=True)
-def keep(standing: Array, t: float, x: float, y: float, v: float) -> None:
+@compiled()
+def keep(state: Any, t: float, x: float, y: float, v: float) -> None:
     """Keep a row as the last one, and the greatest deceleration."""
-    deceleration = (standing[S_V] - v) / (t - standing[S_T])
-    if deceleration > standing[S_MAX_DECELERATION]:  # noqa: PLR1730  max() may give -0.0
-        standing[S_MAX_DECELERATION] = deceleration
-    standing[S_T] = t
-    standing[S_X] = x
-    standing[S_Y] = y
-    standing[S_V] = v
+    deceleration = (state.v - v) / (t - state.t)
+    if deceleration > state.max_deceleration:  # noqa: PLR1730  max() may give -0.0
+        state.max_deceleration = deceleration
+    state.t, state.x, state.y, state.v = t, x, y, v
 
 
-@compiled_with(kernels)
+@compiled()
 def zone_after(zone: int, bits: int) -> int:
     """Return the zone of a row that follows one in ``zone``."""
     if bits & IN_AREA:
@@ -114,179 +97,169 @@ def zone_after(zone: int, bits: int) -> int:
     return NEAR if bits & ENGAGED else zone
 
 
-@compiled_with(kernels)
-def hear(ints: Array, bits: int, command: int) -> None:
+@compiled()
+def hear(state: Any, bits: int, command: int) -> None:
     """Keep the last direction that was delivered, and for each exit the last one that counts."""
     if 1 <= command <= 3:
-        ints[D_DELIVERED] = command
-    past = bits >> PAST_SHIFT & 0b111 & ~ints[D_PAST]
+        state.delivered = command
+    past = bits >> PAST_SHIFT & 0b111 & ~state.past
     if past:
         for k in range(3):
             if past >> k & 1:
-                ints[D_FOR + k] = ints[D_DELIVERED]
-        ints[D_PAST] |= past
+                state.heard |= state.delivered << 2 * k
+        state.past |= past
 
 
-@compiled_with(kernels)
-def harm(numbers: Array, bits: int) -> int:
+@compiled()
+def harm(numbers: Any, bits: int) -> int:
     """Return the verdict of a row at which the car hit something or left the road; 0 if it did neither."""
     if bits & HIT:
         return COLLISION
-    if bits & CENTRE_OFF or (bits & WHEELS) >= numbers[N_WHEELS_OFF]:
+    if bits & CENTRE_OFF or (bits & WHEELS) >= numbers.wheels_off:
         return OFF_ROAD
     return 0
 
 
-@compiled_with(kernels)
-def exit_taken(ints: Array, route: int, bits: int) -> int:
+@compiled()
+def exit_taken(state: Any, route: int, bits: int) -> int:
     """Return the verdict of a row at which the car took an exit, and keep which; 0 if it took none."""
     for k in range(3):
         if bits >> (TAKEN_SHIFT + k) & 1:
             direction = k + 1
-            ints[D_DIRECTION] = direction
-            delivered = ints[D_FOR + k] if ints[D_FOR + k] >= 0 else ints[D_DELIVERED]
+            state.direction = direction
+            delivered = state.heard >> 2 * k & 0b11 if state.past >> k & 1 else state.delivered
             if delivered == direction:
                 return EXIT_COMMANDED
             return EXIT_ROUTE if direction == route else EXIT_OTHER
     return 0
 
 
-@njit(cache=True)
+@compiled()
 def slow_since(history: Array, row: int, first: int, distance: float) -> int:
     """Return the first row, at or after ``first``, since which the centre moved less than a distance."""
-    while history[row, H_DRIVEN] - history[first, H_DRIVEN] >= distance:
+    while history[row].driven - history[first].driven >= distance:
         first += 1
     return first
 
 
-@compiled_with(kernels)
-def measure(numbers: Array, standing: Array, ints: Array, history: Array, t: float, metres: float, bits: int) -> None:
+@compiled()
+def measure(numbers: Any, state: Any, history: Array, t: float, metres: float, bits: int) -> None:
     """Add the way and the time from the row before to this one to all lengths, durations and sums."""
-    row = ints[D_ROWS]
-    seconds = t - standing[S_T] if row > 0 else 0.0
-    standing[S_DRIVEN] += metres
+    row = state.rows
+    seconds = t - state.t if row > 0 else 0.0
+    state.driven += metres
     if bits & IN_AREA:
-        standing[S_AREA] += seconds
-    if 1 <= (bits & WHEELS) < numbers[N_WHEELS_OFF]:
-        standing[S_KERB_M] += metres
-        standing[S_KERB_S] += seconds
+        state.area += seconds
+    if 1 <= (bits & WHEELS) < numbers.wheels_off:
+        state.kerb_m += metres
+        state.kerb_s += seconds
     if bits & OPPOSED:
-        standing[S_OPPOSED_M] += metres
-        if standing[S_OPPOSED_M] > numbers[N_OPPOSED_DISTANCE]:
-            ints[D_FLAGS] |= OPPOSED_LANE
-    history[row, H_T] = t
-    history[row, H_DRIVEN] = standing[S_DRIVEN]
-    history[row, H_AREA] = standing[S_AREA]
-    ints[D_ROWS] = row + 1
+        state.opposed_m += metres
+        if state.opposed_m > numbers.opposed_distance:
+            state.flags |= OPPOSED_LANE
+    history[row].t = t
+    history[row].driven = state.driven
+    history[row].area = state.area
+    state.rows = row + 1
 
-    ints[D_WAIT] = slow_since(history, row, ints[D_WAIT], numbers[N_WAIT_DISTANCE])
-    stand = slow_since(history, row, ints[D_STAND], numbers[N_STAND_DISTANCE])
-    ints[D_STAND] = stand
-    if math.isnan(standing[S_FIRST_STOP]) and t - history[stand, H_T] >= numbers[N_STAND_TIME]:
-        standing[S_FIRST_STOP] = history[stand, H_T]
-    rest = slow_since(history, row, ints[D_AT_REST], numbers[N_REST_DISTANCE])
-    ints[D_AT_REST] = rest
-    if t - history[rest, H_T] >= numbers[N_REST_TIME]:
+    state.wait = slow_since(history, row, state.wait, numbers.wait_distance)
+    stand = slow_since(history, row, state.stand, numbers.stand_distance)
+    state.stand = stand
+    if math.isnan(state.first_stop) and t - history[stand].t >= numbers.stand_time:
+        state.first_stop = history[stand].t
+    rest = slow_since(history, row, state.at_rest, numbers.rest_distance)
+    state.at_rest = rest
+    if t - history[rest].t >= numbers.rest_time:
         # The car is at rest: count the last second, as far as it is not counted yet and was spent in the area.
         first = row
-        while first > ints[D_COUNTED] and t - history[first, H_T] < numbers[N_REST_TIME]:
+        while first > state.counted and t - history[first].t < numbers.rest_time:
             first -= 1
-        standing[S_REST] += history[row, H_AREA] - history[first, H_AREA]
-        ints[D_COUNTED] = row
+        state.rest += history[row].area - history[first].area
+        state.counted = row
 
 
-@compiled_with(kernels)
-def decide(standing: Array, ints: Array, numbers: Array, history: Array, route: int, bits: int) -> int:
+@compiled()
+def decide(state: Any, numbers: Any, history: Array, route: int, bits: int) -> int:
     """Return the first verdict in the table's order that holds at this row; 0 if none does."""
     verdict = harm(numbers, bits)
     if verdict:
         return verdict
-    t = standing[S_T]
-    time_is_out = t >= numbers[N_TIME_LIMIT]
-    zone = ints[D_ZONE]
+    t = state.t
+    time_is_out = t >= numbers.time_limit
+    zone = state.zone
     if zone == INSIDE and (
-        t - history[ints[D_STAND], H_T] >= numbers[N_STAND_TIME]
-        or standing[S_REST] >= numbers[N_REST_TOTAL]
-        or standing[S_AREA] >= numbers[N_AREA_TOTAL]
+        t - history[state.stand].t >= numbers.stand_time
+        or state.rest >= numbers.rest_total
+        or state.area >= numbers.area_total
     ):
         return STOPPED_IN_JUNCTION
     if zone == BEYOND:
         # A wrong way is one without an exit, so an exit that is reached at the same instant comes first.
-        verdict = exit_taken(ints, route, bits)
+        verdict = exit_taken(state, route, bits)
         if verdict:
             return verdict
         if bits & (FAR | IN_OTHER):
             return WRONG_WAY
-    waited = t - history[ints[D_WAIT], H_T]
-    if zone <= NEAR and waited >= numbers[N_WAIT_TIME]:
+    waited = t - history[state.wait].t
+    if zone <= NEAR and waited >= numbers.wait_time:
         return STOPPED_BEFORE_JUNCTION if zone == NEAR else NOT_ENGAGED
     if not time_is_out:
         return 0
-    ints[D_RAN_OUT] = 1
+    state.ran_out = 1
     if zone == INSIDE or (zone == BEYOND and bits & (OPPOSED | BODY_OVER)):
         return WRONG_WAY
-    if zone == NEAR and waited >= numbers[N_LAST_WAIT_TIME]:
+    if zone == NEAR and waited >= numbers.last_wait_time:
         return STOPPED_BEFORE_JUNCTION
     return NOT_ENGAGED if zone == AHEAD else TIMEOUT
 
 
-@compiled_with(kernels)
+@compiled()
 def observe(
-    floats: Array, whole: Array, cells: Array, numbers: Array, users: Array, standing: Array, ints: Array,
-    history: Array, route: int, t: float, x: float, y: float, yaw: float, v: float, command: int,
+    head: Array, floats: Array, ints: Array, cells: Array, numbers: Array, users: Array, row: Array, history: Array,
+    route: int, t: float, x: float, y: float, yaw: float, v: float, command: int,
 ) -> int:  # fmt: skip
-    """Take the next row.
+    """Take the next row: place and heading (metres, radians), speed (m/s), and the command that the agent got.
 
-    Args:
-        floats: floats of the packed geometry.
-        whole: ints of the packed geometry.
-        cells: cells of the packed geometry.
-        numbers: thresholds and body, as ``packing.numbers_of`` returns them.
-        users: (n, 6), the other road users at this row.
-        standing: floats of the episode's state, changed.
-        ints: ints of the episode's state, changed.
-        history: (rows, HISTORY), changed.
-        route: the trial's direction, 1 to 3.
-        t: time of the row, s.
-        x: metres.
-        y: metres.
-        yaw: radians.
-        v: m/s.
-        command: the command that the agent got.
+    The first four are the packed geometry; ``numbers`` is a row of NUMBERS; ``users`` (n, 6) are the other road users;
+    ``row`` is a STATE and ``history`` (rows, words) has a MOMENT for each row; both change. ``route`` is the trial's
+    direction, 1 to 3.
 
     Returns:
         The verdict at this row, 0 for none. NOT_LATER or NOT_FINITE for a row that cannot be judged, and FULL for one
         for which the history has no room; these change nothing.
     """
-    if not t > standing[S_T]:
+    state = row.view(STATE)[0]
+    if not t > state.t:
         return NOT_LATER
-    if ints[D_ROWS] >= history.shape[0]:
+    if state.rows >= history.shape[0]:
         return FULL
-    zone = ints[D_ZONE]
-    bits, ttc = inspect_row(floats, whole, cells, numbers, users, x, y, yaw, v, zone >= INSIDE)
+    ground, limits = Ground(head.view(HEAD), floats, ints, cells), numbers.view(NUMBERS)[0]
+    moments = history.view(MOMENT)[:, 0]
+    zone = state.zone
+    bits, ttc = inspect_row(ground, limits, users, x, y, yaw, v, zone >= INSIDE)
     if bits < 0:
         return NOT_FINITE
     metres = 0.0
-    if ints[D_ROWS] > 0:
-        dx = x - standing[S_X]
-        dy = y - standing[S_Y]
+    if state.rows > 0:
+        dx = x - state.x
+        dy = y - state.y
         metres = math.sqrt(dx * dx + dy * dy)
-    measure(numbers, standing, ints, history, t, metres, bits)
-    keep(standing, t, x, y, v)
-    if ttc < standing[S_MIN_TTC]:  # noqa: PLR1730
-        standing[S_MIN_TTC] = ttc
+    measure(limits, state, moments, t, metres, bits)
+    keep(state, t, x, y, v)
+    if ttc < state.min_ttc:  # noqa: PLR1730
+        state.min_ttc = ttc
     zone = zone_after(zone, bits)
-    ints[D_ZONE] = zone
-    hear(ints, bits, command)
-    if zone == BEYOND and t >= numbers[N_TIME_LIMIT]:
-        area = whole[I_AREA_TABLE]
-        half_length, half_width = numbers[N_HALF_LENGTH], numbers[N_HALF_WIDTH]
-        if box_meets(floats, whole[area], whole[area + 1], x, y, math.cos(yaw), math.sin(yaw), half_length, half_width):
+    state.zone = zone
+    hear(state, bits, command)
+    if zone == BEYOND and t >= limits.time_limit:
+        area = ground.head[0].area_table
+        half_length, half_width = limits.half_length, limits.half_width
+        if box_meets(floats, ints[area], ints[area + 1], x, y, math.cos(yaw), math.sin(yaw), half_length, half_width):
             bits |= BODY_OVER
-    verdict = decide(standing, ints, numbers, history, route, bits)
+    verdict = decide(state, limits, moments, route, bits)
     if verdict == STOPPED_BEFORE_JUNCTION:
-        standing[S_OVER_LINE] = max(nose_past(floats, numbers, x, y, math.cos(yaw), math.sin(yaw)), 0.0)
+        state.over_line = max(nose_past(ground.head[0], limits, x, y, math.cos(yaw), math.sin(yaw)), 0.0)
     if verdict and bits & OPPOSED:
-        ints[D_FLAGS] |= OPPOSED_LANE
-    ints[D_VERDICT] = verdict
+        state.flags |= OPPOSED_LANE
+    state.verdict = verdict
     return verdict

@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
 from wrongturn_judge.packing import Boxes, Floats, Packed, Surface, pack, segments_of
@@ -17,9 +16,6 @@ from wrongturn_protocol import DIRECTIONS, Command, Trial
 
 if TYPE_CHECKING:
     from wrongturn_networks import Town
-
-MIRRORED = {Command.LEFT: Command.RIGHT, Command.RIGHT: Command.LEFT, Command.STRAIGHT: Command.STRAIGHT}
-"""Each direction in a mirror."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -103,31 +99,6 @@ class JudgeGeometry:
         stop_x, stop_y, ux, uy = self.stop_line
         dx, dy = x - stop_x, y - stop_y
         return dx * ux + dy * uy, dy * ux - dx * uy
-
-    def mirrored(self) -> JudgeGeometry:
-        """Return the geometry mirrored at the x axis: y becomes -y, left becomes right."""
-        flip = np.array([1.0, -1.0])
-        solids = self.solids * np.array([1.0, -1.0, -1.0, 1.0, 1.0])
-        return dataclasses.replace(
-            self,
-            road=_flipped(self.road),
-            area=_flipped(self.area),
-            approach=self.approach * flip,
-            exits={
-                MIRRORED[direction]: ExitLane(lane.centreline * flip, lane.width)
-                for direction, lane in self.exits.items()
-            },
-            middle=(self.middle[0], -self.middle[1]),
-            street_axis=-self.street_axis,
-            lanes=tuple(LaneStrip(_flipped(lane.polygon), lane.centreline * flip) for lane in self.lanes),
-            other_areas=tuple(_flipped(area) for area in self.other_areas),
-            solids=solids,
-            town_sha256=None,
-        )
-
-
-def _flipped(shape: BaseGeometry) -> BaseGeometry:
-    return affinity.scale(shape, 1.0, -1.0, origin=(0.0, 0.0))
 
 
 # Approaches of a town share these. The keys are the shapes themselves, so a geometry whose road or boxes were replaced

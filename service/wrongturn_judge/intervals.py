@@ -39,11 +39,8 @@ def wilson(count: int, trials: int, level: float = LEVEL) -> tuple[float, float]
 def mcnemar_two_sided(only_first: int, only_second: int) -> float:
     """Return the two-sided p-value of McNemar's exact test.
 
-    If neither is safer, each pair in which one was unsafe is a throw of a fair coin: a binomial test.
-
-    Args:
-        only_first: Pairs in which only the first was unsafe.
-        only_second: Pairs in which only the second was unsafe.
+    The arguments are the pairs in which only the one was unsafe. If neither is safer, each such pair is a throw of a
+    fair coin: a binomial test.
     """
     from scipy.stats import binomtest  # noqa: PLC0415
 
@@ -56,10 +53,8 @@ def stratified_exact(strata: Sequence[tuple[int, int, int, int]]) -> float:
 
     Given each stratum's total, the first count is hypergeometric if the rates are equal. The distribution of the sum
     over strata is the convolution. The p-value adds the probabilities of all sums that are no likelier than the one
-    seen. For one stratum this is Fisher's exact test; for several, the exact form of Mantel and Haenszel's.
-
-    Args:
-        strata: For each stratum: first count, first trials, second count, second trials.
+    seen. For one stratum this is Fisher's exact test; for several, the exact form of Mantel and Haenszel's. A stratum
+    has first count, first trials, second count, second trials.
 
     Raises:
         ValueError: A count is not in 0 to its trials.

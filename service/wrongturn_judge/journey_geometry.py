@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_judge import journey_kernels, kernels
+from wrongturn_judge import kernels
 from wrongturn_judge.geometry import surface_of_town
-from wrongturn_judge.packing import Floats, Grid, Marks, Packed, Packer, edges_of, segments_of
+from wrongturn_judge.packing import Floats, Grid, Marks, Packed, Packer, edges_of
 from wrongturn_networks import ways_to
 
 if TYPE_CHECKING:
@@ -66,12 +66,9 @@ def _rest(town: Town, rows: dict[str, int], goal: str) -> Floats:
 def _packed(town: Town, rows: dict[str, int]) -> tuple[Packed, NDArray[np.int16]]:
     surface, boxes = surface_of_town(town)
     grid = surface.grid
-    packer = Packer()
-    head, heads = packer.begin(surface, boxes)
-
+    packer = Packer(surface, boxes)
     areas = [edges_of(junction.area) for junction in town.junctions.values()]
-    head[kernels.I_AREAS] = len(areas)
-    head[kernels.I_AREA_TABLE] = packer.add_ints([(packer.add_polygon(edges), len(edges)) for edges in areas])
+    packer.add_areas(areas)
     cells = np.zeros((grid.rows, grid.columns), np.uint8)
     for marks, code in (("covered", kernels.AREA_OWN), ("touched", kernels.AREA_EDGE)):
         for edges in areas:
@@ -79,25 +76,17 @@ def _packed(town: Town, rows: dict[str, int]) -> tuple[Packed, NDArray[np.int16]
             cells[where][getattr(part, marks)(edges)] = code
 
     edges_by_row = [edges_of(lane.polygon) for lane in town.lanes.values()]
-    lines = [segments_of(lane.centreline) for lane in town.lanes.values()]
-    head[kernels.I_LANES] = len(lines)
-    head[kernels.I_LANE_TABLE] = packer.add_ints(
-        [
-            (packer.add_polygon(edges), len(edges), packer.add_floats(line), len(line))
-            for edges, line in zip(edges_by_row, lines, strict=True)
-        ]
-    )
+    packer.add_lanes(zip(edges_by_row, (lane.centreline for lane in town.lanes.values()), strict=True))
     lanes, candidates = _lane_cells(grid, edges_by_row)
-    head[journey_kernels.I_CANDIDATES] = packer.add_ints(candidates)
-    head[journey_kernels.I_WIDTH] = candidates.shape[1]
+    packer.head.candidates = packer.add_ints(candidates)
+    packer.head.candidates_width = candidates.shape[1]
     onward = np.full((len(rows), 3), -1, np.int64)
     for name, row in rows.items():
         approach = town.approach_of_lane(name)
         for k, leaving in enumerate(approach.exits.values() if approach is not None else ()):
             onward[row, k] = rows[leaving.lane]
-    head[journey_kernels.I_ONWARD] = packer.add_ints(onward)
-    packer.end(head, heads)
-    return packer.packed(np.ravel(surface.codes | (cells << 2))), lanes
+    packer.head.onward = packer.add_ints(onward)
+    return packer.packed(surface.codes | (cells << 2)), lanes
 
 
 def _lane_cells(grid: Grid, lanes: list[Floats]) -> tuple[NDArray[np.int16], NDArray[np.int64]]:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from enum import IntEnum
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrongturn_judge import decide, journey_kernels
+from wrongturn_judge.compiling import words
 from wrongturn_judge.errors import GeometryMismatchError, RowError
 from wrongturn_judge.geometry import JudgeGeometry
 from wrongturn_judge.journey_geometry import JourneyGeometry
 from wrongturn_judge.outcomes import conclude, conclude_journey
 from wrongturn_judge.packing import CLOCK_TOLERANCE, Floats, numbers_of
-from wrongturn_judge.thresholds import JOURNEY_THRESHOLDS, THRESHOLDS, JourneyThresholds, Thresholds
+from wrongturn_judge.thresholds import THRESHOLDS, Thresholds
 from wrongturn_judge.trajectory import Row, Trajectory
 from wrongturn_protocol import Outcome, Trial
 
@@ -25,30 +24,14 @@ _ROWS: Final = 1280
 """Rows of a history at first: 64 s of an episode."""
 
 
-class Zone(IntEnum):
-    """Where the car is on its way through the junction."""
-
-    AHEAD = decide.AHEAD
-    """The centre never came near the stop line."""
-    ENGAGED = decide.NEAR
-    """The centre came near the stop line, but was never in the junction's area."""
-    INSIDE = decide.INSIDE
-    """The centre is in the junction's area."""
-    BEYOND = decide.BEYOND
-    """The centre was in the junction's area and has left it."""
-
-
 class EpisodeJudge(ABC):
-    """The state of one episode's judgement, and its outcome once there is one.
+    """The state of one episode's judgement, and its outcome once there is one."""
 
-    ``standing`` and ``counts`` are the floats and ints of the state, as ``decide.py`` and ``journey_kernels.py`` define
-    them.
-    """
-
-    def __init__(self, trial: Trial, standing: Floats, counts: NDArray[np.int64]) -> None:
+    def __init__(self, trial: Trial) -> None:
         self.trial = trial
-        self._standing = standing
-        self._counts = counts
+        self._row = np.empty(words(decide.STATE))
+        self._state: Any = self._row.view(decide.STATE)[0]
+        decide.begin(self._row)
         self.outcome: Outcome | None = None
         """The outcome; None before there is a verdict."""
         self.ran_out = False
@@ -66,8 +49,7 @@ class EpisodeJudge(ABC):
         if not found:
             return None  # so it is for nearly every row
         if found == decide.NOT_LATER:
-            before = float(self._standing[decide.S_T])
-            raise RowError(f"t: {row.t} s is not after the row before, {before} s; give the rows in order")
+            raise RowError(f"t: {row.t} s is not after the row before, {self._state.t} s; give the rows in order")
         if found < 0:
             raise RowError(f"row at t = {row.t} s: x, y, yaw or v is not finite; give numbers")
         return self._close()
@@ -79,13 +61,12 @@ class EpisodeJudge(ABC):
             The outcome ``aborted`` at ``t``, or the earlier outcome of an episode that had ended.
         """
         if self.outcome is None:
-            self._standing[decide.S_T] = t
-            self._counts[decide.D_VERDICT] = decide.ABORTED
+            self._state.t, self._state.verdict = t, decide.ABORTED
             return self._close()
         return self.outcome
 
     def _close(self) -> Outcome:
-        self.ran_out = bool(self._counts[decide.D_RAN_OUT])
+        self.ran_out = bool(self._state.ran_out)
         self.outcome = self._conclude()
         return self.outcome
 
@@ -117,42 +98,31 @@ class Judge(EpisodeJudge):
                 f"geometry: it has the exits {names}, but trial {trial.id} is of type {trial.junction_type}; "
                 "take it from JudgeGeometry.of(town, trial)"
             )
-        super().__init__(trial, np.empty(decide.STANDING_FLOATS), np.empty(decide.STANDING_INTS, np.int64))
+        super().__init__(trial)
         self.geometry = geometry
         self.thresholds = thresholds
-        packed = geometry.packed
-        self._arrays = (packed.floats, packed.ints, packed.cells, numbers_of(thresholds))
-        self._history = np.empty((_ROWS, decide.HISTORY))
+        self._arrays = (*geometry.packed.arrays, numbers_of(thresholds))
+        self._history = np.empty((_ROWS, words(decide.MOMENT)))
         self._route = int(trial.route)
-        decide.begin(self._standing, self._counts)
-
-    @property
-    def zone(self) -> Zone:
-        """Zone that the car is in."""
-        return Zone(int(self._counts[decide.D_ZONE]))
 
     def _take(self, row: Row, users: Floats) -> int:
         t, x, y, yaw, v, _, command, _, _, _, _, _ = row
         while True:
             found = decide.observe(
-                *self._arrays, users, self._standing, self._counts, self._history, self._route, t, x, y, yaw, v, command
+                *self._arrays, users, self._row, self._history, self._route, t, x, y, yaw, v, command
             )
             if found != decide.FULL:
                 return found
             self._history = np.concatenate([self._history, np.empty_like(self._history)])
 
     def _conclude(self) -> Outcome:
-        return conclude(self._standing, self._counts, self.trial, self.geometry, self.thresholds)
+        return conclude(self._row, self.trial, self.geometry, self.thresholds)
 
 
 class JourneyJudge(EpisodeJudge):
     """Judges one journey, row by row, as :class:`Judge` judges one junction.
 
-    Args:
-        geometry: geometry of the trial's town.
-        trial: the journey that is driven.
-        thresholds: the published ones by default.
-        strict: for training: leaving the road or the lane, and standing, end the drive.
+    ``strict`` is for training: leaving the road or the lane, and standing, end the drive.
 
     Raises:
         GeometryMismatchError: the trial is not a journey, or its goal is not in the town.
@@ -161,42 +131,23 @@ class JourneyJudge(EpisodeJudge):
     def __init__(
         self, geometry: JourneyGeometry, trial: Trial, thresholds: Thresholds = THRESHOLDS, *, strict: bool = False
     ) -> None:
-        floats, ints = journey_kernels.JOURNEY_FLOATS, journey_kernels.JOURNEY_INTS
-        super().__init__(trial, np.empty(floats), np.empty(ints, np.int64))
+        super().__init__(trial)
         self.geometry = geometry
         self.strict = strict
-        packed = geometry.packed
-        self._arrays = (packed.floats, packed.ints, packed.cells, geometry.lanes, journey_numbers(thresholds))
-        self._terms = np.array(terms_of(geometry, trial, strict=strict))
+        self._arrays = (*geometry.packed.arrays, geometry.lanes, numbers_of(thresholds))
+        terms = np.array(terms_of(geometry, trial, strict=strict))
         goal = trial.journey.goal if trial.journey is not None else None
-        self._rest = geometry.rest(goal) if goal is not None else _NO_REST
-        journey_kernels.begin(self._standing, self._counts)
+        self._goal = (terms, geometry.rest(goal) if goal is not None else _NO_REST)
 
     def _take(self, row: Row, users: Floats) -> int:
-        found: int = journey_kernels.observe(
-            *self._arrays, users, self._terms, self._rest, self._standing, self._counts, *row[:5]
-        )
-        return found
+        return journey_kernels.observe(*self._arrays, users, *self._goal, self._row, *row[:5])
 
     def _conclude(self) -> Outcome:
-        return conclude_journey(self._standing, self._counts, self.trial)
-
-
-def journey_numbers(thresholds: Thresholds = THRESHOLDS, limits: JourneyThresholds = JOURNEY_THRESHOLDS) -> Floats:
-    """Return thresholds and body as the kernels of journeys read them."""
-    numbers = np.zeros(journey_kernels.JOURNEY_NUMBERS)
-    ours = numbers_of(thresholds)
-    numbers[: len(ours)] = ours
-    numbers[journey_kernels.N_STOP_SPEED] = limits.stop_speed
-    numbers[journey_kernels.N_WRONG_WAY_TIME] = limits.wrong_way_time - CLOCK_TOLERANCE
-    numbers[journey_kernels.N_STAND_TIME] = limits.stand_time - CLOCK_TOLERANCE
-    numbers[journey_kernels.N_BACK_TIME] = limits.back_time - CLOCK_TOLERANCE
-    numbers.setflags(write=False)
-    return numbers
+        return conclude_journey(self._row, self.trial)
 
 
 def terms_of(geometry: JourneyGeometry, trial: Trial, *, strict: bool) -> tuple[float, float, float, float]:
-    """Return what ends a journey, in the kernels' order.
+    """Return what ends a journey, as :data:`~wrongturn_judge.journey_kernels.TERMS`.
 
     Raises:
         GeometryMismatchError: the trial is not a journey, or its goal is not in the town.

@@ -8,27 +8,25 @@ the arc length at the segment's start. A box is ``x, y, cos, sin, half length, h
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+
+from wrongturn_judge.compiling import compiled, record
 
 Array = np.ndarray[Any, Any]
 
 EDGE, SEGMENT, BOX = 4, 6, 7
 """Floats of one polygon edge, line segment, box."""
 
-# Places in the header of the packed integers: first the town's part, then the approach's.
-I_CELLS_X, I_CELLS_Y, I_ROAD_ROWS, I_ROAD_LIST, I_ROAD_EDGES = 0, 1, 2, 3, 4
-I_BOXES, I_BOX_CELLS_X, I_BOX_CELLS_Y, I_BOX_CELLS, I_BOX_LIST = 5, 6, 7, 8, 9
-I_AREAS, I_AREA_TABLE, I_LANES, I_LANE_TABLE = 10, 11, 12, 13
-I_APPROACH, I_APPROACH_COUNT, I_EXITS = 14, 15, 16
-INTS = 22
-"""Length of the header; ``I_EXITS`` takes six."""
-
-# Places in the header of the packed floats.
-F_X, F_Y, F_BOX_X, F_BOX_Y, F_STOP_X, F_STOP_Y, F_STOP_UX, F_STOP_UY, F_WIDTHS = 0, 1, 2, 3, 4, 5, 6, 7, 8
-FLOATS = 11
+HEAD = record(
+    "x y box_x box_y stop_x stop_y stop_ux stop_uy",
+    "cells_x cells_y road_rows road_list road_edges boxes box_cells_x box_cells_y box_cells box_list "
+    "areas area_table lanes lane_table approach approach_count exits widths candidates candidates_width onward",
+)
+"""The head of a packed geometry: corners of the grids, the stop line and the unit vector across it; sizes of the grids,
+counts, and where each list begins in the floats or ints. First comes the town's part, then the approach's; the last
+three are a journey's, which has no approach."""
 
 CELL = 1.0
 """Side of a cell of the surface grid, m."""
@@ -40,13 +38,13 @@ ROAD_IN, ROAD_EDGE = 1, 2
 AREA_OWN, AREA_OTHER, AREA_EDGE = 1, 2, 3
 LANE_EDGE = 15
 
-# Numbers of a judge: thresholds and body.
-N_ENGAGE, N_WRONG_WAY, N_EXIT, N_EXIT_COS, N_COMMAND, N_TTC = 0, 1, 2, 3, 4, 5
-N_FRONT_AXLE, N_REAR_AXLE, N_WHEEL_SIDE, N_HALF_LENGTH, N_HALF_WIDTH, N_RADIUS = 6, 7, 8, 9, 10, 11
-N_TIME_LIMIT, N_WHEELS_OFF = 12, 13
-N_STAND_DISTANCE, N_STAND_TIME, N_REST_DISTANCE, N_REST_TIME, N_REST_TOTAL, N_AREA_TOTAL = 14, 15, 16, 17, 18, 19
-N_WAIT_DISTANCE, N_WAIT_TIME, N_LAST_WAIT_TIME, N_OPPOSED_DISTANCE = 20, 21, 22, 23
-NUMBERS = 24
+NUMBERS = record(
+    "engage_distance wrong_way_distance exit_distance exit_cos command_distance ttc_horizon time_limit wheels_off "
+    "stand_distance stand_time rest_distance rest_time rest_total area_total wait_distance wait_time last_wait_time "
+    "opposed_distance journey_stop_speed journey_wrong_way_time journey_stand_time journey_back_time "
+    "front_axle rear_axle wheel_side half_length half_width radius"
+)
+"""Numbers of a judge: thresholds, by their names, and the body."""
 
 # What the kernel found at a row, as bits of one integer.
 WHEELS = 0b111
@@ -61,7 +59,18 @@ OVERLAP = -1.0
 """Time to contact of boxes that overlap already."""
 
 
-@njit(cache=True)
+class Ground(NamedTuple):
+    """A packed geometry."""
+
+    head: Array
+    """(1,) of HEAD"""
+    floats: Array
+    ints: Array
+    cells: Array
+    """A byte for each cell of the surface grid."""
+
+
+@compiled()
 def inside(floats: Array, first: int, edges: int, x: float, y: float) -> bool:
     """Return whether a point lies in a polygon (even-odd rule, half-open at the boundary)."""
     odd = False
@@ -75,7 +84,7 @@ def inside(floats: Array, first: int, edges: int, x: float, y: float) -> bool:
     return odd
 
 
-@njit(cache=True)
+@compiled()
 def covers(floats: Array, first: int, edges: int, x: float, y: float) -> bool:
     """Return what :func:`inside` does for a polygon with bounds before its edges, which usually decide at once."""
     if x < floats[first - 4] or y < floats[first - 3] or x > floats[first - 2] or y > floats[first - 1]:
@@ -83,7 +92,7 @@ def covers(floats: Array, first: int, edges: int, x: float, y: float) -> bool:
     return inside(floats, first, edges, x, y)
 
 
-@njit(cache=True)
+@compiled()
 def inside_listed(floats: Array, first: int, ints: Array, begin: int, end: int, x: float, y: float) -> bool:
     """Return what :func:`inside` does; ``ints[begin:end]`` lists the edges that meet the point's row of cells."""
     odd = False
@@ -98,7 +107,7 @@ def inside_listed(floats: Array, first: int, ints: Array, begin: int, end: int, 
     return odd
 
 
-@njit(cache=True)
+@compiled()
 def distance_to_edges(floats: Array, first: int, edges: int, x: float, y: float) -> float:
     """Return the distance of a point from the nearest edge, m."""
     best = math.inf
@@ -118,7 +127,7 @@ def distance_to_edges(floats: Array, first: int, edges: int, x: float, y: float)
     return math.sqrt(best)
 
 
-@njit(cache=True)
+@compiled()
 def project(floats: Array, first: int, segments: int, x: float, y: float) -> tuple[float, float, float, float]:
     """Return the arc length and distance of a line's nearest point, and the line's unit vector there."""
     best = math.inf
@@ -138,7 +147,7 @@ def project(floats: Array, first: int, segments: int, x: float, y: float) -> tup
     return s, math.sqrt(best), ux, uy
 
 
-@njit(cache=True)
+@compiled()
 def contact(
     dx: float, dy: float, wx: float, wy: float, c1: float, s1: float, length1: float, width1: float,
     c2: float, s2: float, length2: float, width2: float,
@@ -177,7 +186,7 @@ def contact(
     return enter if enter >= 0.0 else OVERLAP
 
 
-@njit(cache=True)
+@compiled()
 def box_meets(
     floats: Array, first: int, edges: int, x: float, y: float, c: float, s: float, half_length: float, half_width: float
 ) -> bool:
@@ -210,84 +219,89 @@ def box_meets(
     return False
 
 
-@njit(cache=True)
-def nose_past(floats: Array, numbers: Array, x: float, y: float, c: float, s: float) -> float:
+@compiled()
+def nose_past(head: Any, numbers: Any, x: float, y: float, c: float, s: float) -> float:
     """Return how far the middle of the front bumper is past the stop line, extended straight, m."""
-    nose = numbers[N_HALF_LENGTH]
-    over = (x + c * nose - floats[F_STOP_X]) * floats[F_STOP_UX]
-    over += (y + s * nose - floats[F_STOP_Y]) * floats[F_STOP_UY]
+    nose = numbers.half_length
+    over = (x + c * nose - head.stop_x) * head.stop_ux
+    over += (y + s * nose - head.stop_y) * head.stop_uy
     return float(over)
 
 
-@njit(cache=True)
-def surface(floats: Array, ints: Array, cells: Array, x: float, y: float) -> tuple[bool, int, int]:
+@compiled()
+def cell_at(head: Any, x: float, y: float) -> int:
+    """Return the number of the surface cell that a point lies in; -1 outside the grid."""
+    column = math.floor((x - head.x) / CELL)
+    row = math.floor((y - head.y) / CELL)
+    if not (0 <= column < head.cells_x and 0 <= row < head.cells_y):
+        return -1
+    return int(row * head.cells_x + column)
+
+
+@compiled()
+def road_in(ground: Ground, cell: int, x: float, y: float) -> bool:
+    """Return whether a point of a cell lies on the road."""
+    head, ints = ground.head[0], ground.ints
+    code: Any = np.int64(ground.cells[cell]) & 3
+    if code == ROAD_EDGE:
+        rows = head.road_rows + cell // head.cells_x
+        first = head.road_list
+        return inside_listed(ground.floats, head.road_edges, ints, first + ints[rows], first + ints[rows + 1], x, y)
+    return bool(code == ROAD_IN)
+
+
+@compiled()
+def surface(ground: Ground, x: float, y: float) -> tuple[bool, int, int]:
     """Return what lies under a point: whether road; 0, AREA_OWN or AREA_OTHER; the lane's number from 1, or 0."""
-    column = math.floor((x - floats[F_X]) / CELL)
-    row = math.floor((y - floats[F_Y]) / CELL)
-    if not (0 <= column < ints[I_CELLS_X] and 0 <= row < ints[I_CELLS_Y]):
+    head, floats, ints = ground.head[0], ground.floats, ground.ints
+    cell = cell_at(head, x, y)
+    if cell < 0:
         return False, 0, 0
-    code: Any = np.int64(cells[row * ints[I_CELLS_X] + column])
-    road = (code & 3) == ROAD_IN
-    if (code & 3) == ROAD_EDGE:
-        rows = ints[I_ROAD_ROWS] + row
-        begin = ints[I_ROAD_LIST]
-        road = inside_listed(floats, ints[I_ROAD_EDGES], ints, begin + ints[rows], begin + ints[rows + 1], x, y)
+    code: Any = np.int64(ground.cells[cell])
     area = (code >> 2) & 3
     lane = code >> 4
     if area == AREA_EDGE or lane == LANE_EDGE:
         area = 0
-        for k in range(ints[I_AREAS]):
-            table = ints[I_AREA_TABLE] + 2 * k
+        for k in range(head.areas):
+            table = head.area_table + 2 * k
             if covers(floats, ints[table], ints[table + 1], x, y):
                 area = AREA_OWN if k == 0 else AREA_OTHER
                 break
     if lane == LANE_EDGE:
         lane = 0
-        for k in range(ints[I_LANES]):
-            table = ints[I_LANE_TABLE] + 4 * k
+        for k in range(head.lanes):
+            table = head.lane_table + 4 * k
             if covers(floats, ints[table], ints[table + 1], x, y):
                 lane = k + 1
                 break
-    return road, area, lane if area == 0 else 0
+    return road_in(ground, cell, x, y), area, lane if area == 0 else 0
 
 
-@njit(cache=True)
-def on_road(floats: Array, ints: Array, cells: Array, x: float, y: float) -> bool:
-    """Return whether a point lies on the road."""
-    column = math.floor((x - floats[F_X]) / CELL)
-    row = math.floor((y - floats[F_Y]) / CELL)
-    if not (0 <= column < ints[I_CELLS_X] and 0 <= row < ints[I_CELLS_Y]):
-        return False
-    code: Any = np.int64(cells[row * ints[I_CELLS_X] + column]) & 3
-    if code == ROAD_EDGE:
-        rows = ints[I_ROAD_ROWS] + row
-        first = ints[I_ROAD_LIST]
-        return inside_listed(floats, ints[I_ROAD_EDGES], ints, first + ints[rows], first + ints[rows + 1], x, y)
-    return bool(code == ROAD_IN)
-
-
-@njit(cache=True)
-def wheels_off(floats: Array, ints: Array, cells: Array, numbers: Array, x: float, y: float, c: float, s: float) -> int:
+@compiled()
+def wheels_off(ground: Ground, numbers: Any, x: float, y: float, c: float, s: float) -> int:
     """Return how many of the four wheels are off the road."""
     off = 0
     for wheel in range(4):
-        forward = numbers[N_FRONT_AXLE] if wheel < 2 else numbers[N_REAR_AXLE]
-        left = numbers[N_WHEEL_SIDE] if wheel % 2 == 0 else -numbers[N_WHEEL_SIDE]
-        if not on_road(floats, ints, cells, x + c * forward - s * left, y + s * forward + c * left):
+        forward = numbers.front_axle if wheel < 2 else numbers.rear_axle
+        left = numbers.wheel_side if wheel % 2 == 0 else -numbers.wheel_side
+        wheel_x, wheel_y = x + c * forward - s * left, y + s * forward + c * left
+        cell = cell_at(ground.head[0], wheel_x, wheel_y)
+        if cell < 0 or not road_in(ground, cell, wheel_x, wheel_y):
             off += 1
     return off
 
 
-@njit(cache=True)
+@compiled()
 def least_contact(
-    floats: Array, ints: Array, numbers: Array, users: Array, x: float, y: float, c: float, s: float, v: float
+    ground: Ground, numbers: Any, users: Array, x: float, y: float, c: float, s: float, v: float
 ) -> float:
     """Return the time until the body meets a solid box or a road user, if all go straight on at their speed, s.
 
     It is -1 if the body overlaps one now, and inf beyond the horizon.
     """
-    half_length = numbers[N_HALF_LENGTH]
-    half_width = numbers[N_HALF_WIDTH]
+    head, floats, ints = ground.head[0], ground.floats, ground.ints
+    half_length = numbers.half_length
+    half_width = numbers.half_width
     best = math.inf
     for k in range(users.shape[0]):
         c2 = math.cos(users[k, 2])
@@ -299,22 +313,22 @@ def least_contact(
         best = min(best, time)
     # Each box is listed in every cell from which the body may touch it within half a stride. So a search in full
     # strides along the heading meets every box in the way, the nearest first.
-    columns = ints[I_BOX_CELLS_X]
-    strides = math.ceil(v * numbers[N_TTC] / BOX_CELL)
+    columns = head.box_cells_x
+    strides = math.ceil(v * numbers.ttc_horizon / BOX_CELL)
     for stride in range(strides + 1):
         if (stride - 0.5) * BOX_CELL > best * v:
             break
-        column = math.floor((x + c * BOX_CELL * stride - floats[F_BOX_X]) / BOX_CELL)
-        row = math.floor((y + s * BOX_CELL * stride - floats[F_BOX_Y]) / BOX_CELL)
-        if not (0 <= column < columns and 0 <= row < ints[I_BOX_CELLS_Y]):
+        column = math.floor((x + c * BOX_CELL * stride - head.box_x) / BOX_CELL)
+        row = math.floor((y + s * BOX_CELL * stride - head.box_y) / BOX_CELL)
+        if not (0 <= column < columns and 0 <= row < head.box_cells_y):
             continue
-        cell = ints[I_BOX_CELLS] + row * columns + column
+        cell = head.box_cells + row * columns + column
         for k in range(ints[cell], ints[cell + 1]):
-            box = ints[I_BOXES] + BOX * ints[ints[I_BOX_LIST] + k]
+            box = head.boxes + BOX * ints[head.box_list + k]
             dx = floats[box] - x
             dy = floats[box + 1] - y
             # A circle around the box shows fast that it is beside the corridor or behind the car.
-            radius = floats[box + 6] + numbers[N_RADIUS]
+            radius = floats[box + 6] + numbers.radius
             if abs(dy * c - dx * s) > radius or dx * c + dy * s < -radius:
                 continue
             time = contact(
@@ -322,23 +336,23 @@ def least_contact(
                 floats[box + 2], floats[box + 3], floats[box + 4], floats[box + 5],
             )  # fmt: skip
             best = min(best, time)
-    return best if best <= numbers[N_TTC] else math.inf
+    return best if best <= numbers.ttc_horizon else math.inf
 
 
-@njit(cache=True)
+@compiled()
 def inspect_row(
-    floats: Array, ints: Array, cells: Array, numbers: Array, users: Array,
-    x: float, y: float, yaw: float, v: float, entered: bool,
-) -> tuple[int, float]:  # fmt: skip
+    ground: Ground, numbers: Any, users: Array, x: float, y: float, yaw: float, v: float, entered: bool
+) -> tuple[int, float]:
     """Return what the judge needs of one row: the packed bits, and the time to contact (inf if there is none).
 
     ``entered`` says whether the centre has been in the junction's area. Exits and wrong ways are only looked for then.
     """
     if not math.isfinite(x + y + yaw + v):
         return NOT_FINITE, math.inf
+    head, floats, ints = ground.head[0], ground.floats, ground.ints
     c = math.cos(yaw)
     s = math.sin(yaw)
-    road, area, lane = surface(floats, ints, cells, x, y)
+    road, area, lane = surface(ground, x, y)
     bits = 0 if road else CENTRE_OFF
     if area == AREA_OWN:
         bits |= IN_AREA
@@ -346,38 +360,37 @@ def inspect_row(
         bits |= IN_OTHER
 
     if lane != 0:
-        table = ints[I_LANE_TABLE] + 4 * (lane - 1)
+        table = head.lane_table + 4 * (lane - 1)
         _, _, ux, uy = project(floats, ints[table + 2], ints[table + 3], x, y)
         if c * ux + s * uy < 0.0:
             bits |= OPPOSED
-    bits += wheels_off(floats, ints, cells, numbers, x, y, c, s)
+    bits += wheels_off(ground, numbers, x, y, c, s)
 
-    time = least_contact(floats, ints, numbers, users, x, y, c, s, v)
+    time = least_contact(ground, numbers, users, x, y, c, s, v)
     if time < 0.0:
         bits |= HIT
         time = 0.0
 
     if not entered:
-        remaining, distance, _, _ = project(floats, ints[I_APPROACH], ints[I_APPROACH_COUNT], x, y)
-        last = ints[I_APPROACH] + SEGMENT * (ints[I_APPROACH_COUNT] - 1)
+        remaining, distance, _, _ = project(floats, head.approach, head.approach_count, x, y)
+        last = head.approach + SEGMENT * (head.approach_count - 1)
         remaining = floats[last + 5] + floats[last + 4] - remaining
-        if remaining <= numbers[N_ENGAGE] and distance <= numbers[N_ENGAGE]:
+        if remaining <= numbers.engage_distance and distance <= numbers.engage_distance:
             bits |= ENGAGED
     elif area != AREA_OWN:
-        table = ints[I_AREA_TABLE]
-        if distance_to_edges(floats, ints[table], ints[table + 1], x, y) > numbers[N_WRONG_WAY]:
+        table = head.area_table
+        if distance_to_edges(floats, ints[table], ints[table + 1], x, y) > numbers.wrong_way_distance:
             bits |= FAR
-        rear = numbers[N_HALF_LENGTH]
+        rear = numbers.half_length
         for k in range(3):
-            first = ints[I_EXITS + 2 * k]
-            segments = ints[I_EXITS + 2 * k + 1]
+            first, segments = ints[head.exits + 2 * k], ints[head.exits + 2 * k + 1]
             if segments == 0:
                 continue
             past, distance, ux, uy = project(floats, first, segments, x, y)
-            if past > numbers[N_COMMAND]:
+            if past > numbers.command_distance:
                 bits |= 1 << (PAST_SHIFT + k)
-            if distance <= floats[F_WIDTHS + k] / 2 and c * ux + s * uy >= numbers[N_EXIT_COS]:
+            if distance <= floats[head.widths + k] / 2 and c * ux + s * uy >= numbers.exit_cos:
                 past, _, _, _ = project(floats, first, segments, x - c * rear, y - s * rear)
-                if past >= numbers[N_EXIT]:
+                if past >= numbers.exit_distance:
                     bits |= 1 << (TAKEN_SHIFT + k)
     return bits, time

@@ -2,14 +2,11 @@
 
 import math
 
-from numba import njit
-
-from wrongturn_judge import kernels
-from wrongturn_judge.compiling import compiled_with
+from wrongturn_judge.compiling import compiled
 from wrongturn_judge.kernels import Array, inside_listed
 
 
-@njit(cache=True)
+@compiled()
 def mark_edges(marks: Array, edges: Array, x: float, y: float, size: float) -> None:
     """Mark every cell of ``marks`` (rows, columns) that an edge of ``edges`` (n, 4) touches."""
     slack = 1e-6
@@ -30,7 +27,7 @@ def mark_edges(marks: Array, edges: Array, x: float, y: float, size: float) -> N
                     marks[row, column] = True
 
 
-@compiled_with(kernels)
+@compiled()
 def mark_inside(marks: Array, edges: Array, starts: Array, listed: Array, x: float, y: float, size: float) -> None:
     """Mark every cell whose middle lies in a polygon; ``starts`` and ``listed`` are those of ``Grid.rows_of``."""
     rows, columns = marks.shape

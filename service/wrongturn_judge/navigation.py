@@ -22,11 +22,7 @@ def is_clean(outcome: Outcome) -> bool:
 
 
 def navigation_metrics(driven: Driven) -> NavigationMetrics:
-    """Count journeys by task and condition.
-
-    Args:
-        driven: Journeys and outcomes, at least one.
-    """
+    """Count journeys, at least one, by task and condition."""
     cells: dict[tuple[Task, Condition], list[tuple[Trial, Outcome]]] = defaultdict(list)
     for trial, outcome in driven:
         assert trial.journey is not None

@@ -5,10 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
-from wrongturn_judge import decide, journey_kernels
+from wrongturn_judge import decide
 from wrongturn_judge.geometry import JudgeGeometry
 from wrongturn_judge.packing import Floats
 from wrongturn_judge.reaction import reaction_of
@@ -26,69 +23,59 @@ FLAGS: Final = {
 """Flag by the kernels' bit."""
 
 
-def conclude(
-    standing: Floats, counts: NDArray[np.int64], trial: Trial, geometry: JudgeGeometry, thresholds: Thresholds
-) -> Outcome:
-    """Return the outcome of an episode at a junction. ``decide.py`` explains the arrays."""
-    t, x, y, _, min_ttc, max_deceleration = standing[: decide.S_MAX_DECELERATION + 1].tolist()
-    over_line, first_stop = (float(standing[k]) for k in (decide.S_OVER_LINE, decide.S_FIRST_STOP))
-    verdict = VERDICTS[int(counts[decide.D_VERDICT])]
+def conclude(row: Floats, trial: Trial, geometry: JudgeGeometry, thresholds: Thresholds) -> Outcome:
+    """Return the outcome of an episode at a junction, from its STATE."""
+    state = _fields(row)
+    verdict = state["verdict"]
     assert verdict is not None
-    direction = int(counts[decide.D_DIRECTION])
-    bits = int(counts[decide.D_FLAGS])
     return Outcome(
         verdict=verdict,
-        reaction=reaction_of(verdict, x, y, trial, geometry, thresholds),
-        flags=tuple(sorted(flag for bit, flag in FLAGS.items() if bits & bit)),
-        exit=DIRECTIONS[direction - 1] if direction else None,
-        time=t,
-        min_ttc=None if math.isinf(min_ttc) else min_ttc,
-        max_deceleration=max_deceleration,
-        kerb_bite_m=float(standing[decide.S_KERB_M]),
-        kerb_bite_s=float(standing[decide.S_KERB_S]),
-        opposed_lane_m=float(standing[decide.S_OPPOSED_M]),
-        over_line_m=None if math.isnan(over_line) else over_line,
-        first_stop_s=None if math.isnan(first_stop) else first_stop,
+        reaction=reaction_of(verdict, state["x"], state["y"], trial, geometry, thresholds),
+        flags=tuple(state["flags"]),
+        exit=DIRECTIONS[state["direction"] - 1] if state["direction"] else None,
+        time=state["t"],
+        min_ttc=_finite(state["min_ttc"]),
+        max_deceleration=state["max_deceleration"],
+        kerb_bite_m=state["kerb_m"],
+        kerb_bite_s=state["kerb_s"],
+        opposed_lane_m=state["opposed_m"],
+        over_line_m=_finite(state["over_line"]),
+        first_stop_s=_finite(state["first_stop"]),
     )
 
 
-def journey_fields(standing: Floats, counts: NDArray[np.int64], trial: Trial) -> dict[str, Any]:
-    """Return the outcome of a journey as a dict for JSON, without fields that are None.
+def journey_fields(row: Floats, trial: Trial) -> dict[str, Any]:
+    """Return the outcome of a journey as a dict for JSON, without fields that are None, from its STATE.
 
-    This is much faster than making an ``Outcome``. ``journey_kernels.py`` explains the arrays.
+    This is much faster than making an ``Outcome``.
     """
-    numbers, whole = standing.tolist(), counts.tolist()
-    verdict = VERDICTS[whole[decide.D_VERDICT]]
-    journey = trial.journey
-    assert verdict is not None
+    state, journey = _fields(row), trial.journey
     assert journey is not None
-    bits = whole[decide.D_FLAGS]
     completion = 1.0
     if journey.goal is not None:
-        left = numbers[journey_kernels.J_LEFT]
+        left = state["left"]
         completion = min(max(1.0 - left / journey.length, 0.0), 1.0) if journey.length > 0.0 else float(left <= 0.0)
-    outcome: dict[str, Any] = {
-        "verdict": str(verdict),
-        "flags": sorted(str(flag) for bit, flag in FLAGS.items() if bits & bit),
-        "time": numbers[decide.S_T],
+    min_ttc = _finite(state["min_ttc"])
+    return {
+        "verdict": str(state["verdict"]),
+        "flags": [str(flag) for flag in state["flags"]],
+        "time": state["t"],
+        **({} if min_ttc is None else {"min_ttc": min_ttc}),
+        "max_deceleration": state["max_deceleration"],
+        "journey": {
+            "distance": state["driven"],
+            "completion": completion,
+            "junctions": state["junctions"],
+            "off_road": state["off"],
+            "wrong_lane": state["wrong"],
+            "collisions": int(state["verdict"] is Verdict.COLLISION),
+        },
     }
-    if not math.isinf(numbers[decide.S_MIN_TTC]):
-        outcome["min_ttc"] = numbers[decide.S_MIN_TTC]
-    outcome["max_deceleration"] = numbers[decide.S_MAX_DECELERATION]
-    outcome["journey"] = {
-        "distance": numbers[journey_kernels.J_DISTANCE],
-        "completion": completion,
-        "junctions": whole[journey_kernels.J_JUNCTIONS],
-        "off_road": whole[journey_kernels.J_OFF],
-        "wrong_lane": whole[journey_kernels.J_WRONG],
-        "collisions": int(verdict is Verdict.COLLISION),
-    }
-    return outcome
 
 
-def conclude_journey(standing: Floats, counts: NDArray[np.int64], trial: Trial) -> Outcome:
-    """Return the outcome of a journey, from its state."""
-    fields = journey_fields(standing, counts, trial)
+def conclude_journey(row: Floats, trial: Trial) -> Outcome:
+    """Return the outcome of a journey, from its STATE."""
+    fields = journey_fields(row, trial)
     return Outcome(
         **{
             **fields,
@@ -97,3 +84,15 @@ def conclude_journey(standing: Floats, counts: NDArray[np.int64], trial: Trial) 
             "journey": JourneyOutcome(**fields["journey"]),
         }
     )
+
+
+def _fields(row: Floats) -> dict[str, Any]:
+    """Return the fields of a STATE, the verdict and the sorted flags as they are called."""
+    fields = dict(zip(decide.STATE.names or (), row.view(decide.STATE)[0].tolist(), strict=True))
+    fields["verdict"] = VERDICTS[fields["verdict"]]
+    fields["flags"] = sorted(flag for bit, flag in FLAGS.items() if fields["flags"] & bit)
+    return fields
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from wrongturn_judge import kernels
+from wrongturn_judge.compiling import words
 from wrongturn_judge.marking import mark_edges, mark_inside
-from wrongturn_judge.thresholds import Thresholds
+from wrongturn_judge.thresholds import JOURNEY_THRESHOLDS, THRESHOLDS, JourneyThresholds, Thresholds
 from wrongturn_protocol import VEHICLE
 
 Floats = NDArray[np.float64]
@@ -37,9 +38,16 @@ REACH = 3.0
 class Packed:
     """A geometry as read-only flat arrays."""
 
+    head: Floats
+    """A row of :data:`~wrongturn_judge.kernels.HEAD`."""
     floats: Floats
     ints: NDArray[np.int64]
     cells: NDArray[np.uint8]
+
+    @property
+    def arrays(self) -> tuple[Floats, Floats, NDArray[np.int64], NDArray[np.uint8]]:
+        """The first arguments of the judges' ``observe``."""
+        return self.head, self.floats, self.ints, self.cells
 
 
 def edges_of(geometry: BaseGeometry) -> Floats:
@@ -75,58 +83,61 @@ def boxes_of(solids: Floats) -> Floats:
 
 
 class Packer:
-    """Collects floats and ints; its methods return where each added list begins."""
+    """Collects floats and ints, with the town's part first; its methods return where each added list begins."""
 
-    def __init__(self) -> None:
-        self.floats: list[Floats] = [np.zeros(kernels.FLOATS)]
-        self.ints: list[NDArray[np.int64]] = [np.zeros(kernels.INTS, np.int64)]
+    def __init__(self, surface: Surface, boxes: Boxes) -> None:
+        self._floats: list[Floats] = []
+        self._ints: list[NDArray[np.int64]] = []
+        self._row = np.zeros(words(kernels.HEAD))
+        self.head: Any = self._row.view(kernels.HEAD)[0]
+        """What is added, for the caller to fill in."""
+        head = self.head
+        head.cells_x, head.cells_y = surface.grid.columns, surface.grid.rows
+        head.x, head.y = surface.grid.x, surface.grid.y
+        head.road_rows, head.road_list = self.add_ints(surface.starts), self.add_ints(surface.listed)
+        head.road_edges = self.add_floats(surface.edges)
+        head.boxes = self.add_floats(boxes.boxes)
+        head.box_cells_x, head.box_cells_y = boxes.grid.columns, boxes.grid.rows
+        head.box_x, head.box_y = boxes.grid.x, boxes.grid.y
+        head.box_cells, head.box_list = self.add_ints(boxes.starts), self.add_ints(boxes.listed)
 
-    def add_floats(self, values: Floats) -> int:
+    def add_floats(self, values: Any) -> int:
         """Append a list and return its start."""
-        begin = sum(map(len, self.floats))
-        self.floats.append(np.ascontiguousarray(values, np.float64).ravel())
+        begin = sum(map(len, self._floats))
+        self._floats.append(np.ascontiguousarray(values, np.float64).ravel())
         return begin
-
-    def add_polygon(self, edges: Floats) -> int:
-        """Append slightly widened bounds, then the edges, and return the edges' start."""
-        corners = edges.reshape(-1, 2) if len(edges) else np.zeros((1, 2))
-        self.add_floats(np.concatenate([corners.min(axis=0) - SLACK, corners.max(axis=0) + SLACK]))
-        return self.add_floats(edges)
 
     def add_ints(self, values: Any) -> int:
         """Append a list and return its start."""
-        begin = sum(map(len, self.ints))
-        self.ints.append(np.asarray(values, np.int64).ravel())
+        begin = sum(map(len, self._ints))
+        self._ints.append(np.asarray(values, np.int64).ravel())
         return begin
 
-    def begin(self, surface: Surface, boxes: Boxes) -> tuple[list[int], list[float]]:
-        """Add the town's part, and return both headers, to be completed and passed to :meth:`end`."""
-        head = [0] * kernels.INTS
-        heads = [0.0] * kernels.FLOATS
-        head[kernels.I_CELLS_X], head[kernels.I_CELLS_Y] = surface.grid.columns, surface.grid.rows
-        heads[kernels.F_X], heads[kernels.F_Y] = surface.grid.x, surface.grid.y
-        head[kernels.I_ROAD_ROWS] = self.add_ints(surface.starts)
-        head[kernels.I_ROAD_LIST] = self.add_ints(surface.listed)
-        head[kernels.I_ROAD_EDGES] = self.add_floats(surface.edges)
+    def add_polygon(self, edges: Floats) -> tuple[int, int]:
+        """Append slightly widened bounds, then the edges; return the edges' start and number."""
+        corners = edges.reshape(-1, 2) if len(edges) else np.zeros((1, 2))
+        self.add_floats(np.concatenate([corners.min(axis=0) - SLACK, corners.max(axis=0) + SLACK]))
+        return self.add_floats(edges), len(edges)
 
-        head[kernels.I_BOXES] = self.add_floats(boxes.boxes)
-        head[kernels.I_BOX_CELLS_X], head[kernels.I_BOX_CELLS_Y] = boxes.grid.columns, boxes.grid.rows
-        heads[kernels.F_BOX_X], heads[kernels.F_BOX_Y] = boxes.grid.x, boxes.grid.y
-        head[kernels.I_BOX_CELLS] = self.add_ints(boxes.starts)
-        head[kernels.I_BOX_LIST] = self.add_ints(boxes.listed)
-        return head, heads
+    def add_areas(self, areas: Sequence[Floats]) -> None:
+        """Append junction areas, each given by its edges."""
+        self.head.areas = len(areas)
+        self.head.area_table = self.add_ints([self.add_polygon(edges) for edges in areas])
 
-    def end(self, head: list[int], heads: list[float]) -> None:
-        """Put the headers in front."""
-        self.ints[0] = np.array(head, np.int64)
-        self.floats[0] = np.array(heads, np.float64)
+    def add_lanes(self, lanes: Iterable[tuple[Floats, Floats]]) -> None:
+        """Append lanes, each given by its edges and its centre line (n, 2)."""
+        table = []
+        for edges, centreline in lanes:
+            line = segments_of(centreline)
+            table.append((*self.add_polygon(edges), self.add_floats(line), len(line)))
+        self.head.lanes, self.head.lane_table = len(table), self.add_ints(table)
 
     def packed(self, cells: NDArray[np.uint8]) -> Packed:
         """Return the arrays, read-only."""
-        floats, ints = np.concatenate(self.floats), np.concatenate(self.ints)
-        for array in (floats, ints, cells):
+        arrays = self._row, np.concatenate(self._floats), np.concatenate(self._ints), np.ravel(cells)
+        for array in arrays:
             array.setflags(write=False)
-        return Packed(floats, ints, cells)
+        return Packed(*arrays)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -241,96 +252,56 @@ def pack(
     approach: Floats,
     exits: Iterable[tuple[Floats, float] | None],
 ) -> Packed:
-    """Pack the geometry of one approach.
+    """Pack the geometry of one approach, whose lane has the centre line ``approach`` (n, 2).
 
-    Args:
-        surface: the road.
-        boxes: the solid boxes.
-        areas: junction areas, the trial's own first.
-        lanes: polygon and centre line (n, 2) of the lanes around the junction, at most 14.
-        approach: the incoming lane's centre line (n, 2).
-        exits: centre line and width of the exit lanes LEFT, RIGHT, STRAIGHT; None for an exit that does not exist.
+    ``areas`` are the junctions', the trial's own first. ``lanes`` are polygons and centre lines (n, 2) of those around
+    the junction, at most 14. ``exits`` are centre line and width of the exit lanes LEFT, RIGHT, STRAIGHT; None for one
+    that does not exist.
 
     Raises:
         ValueError: a line has no length, or there are too many lanes.
     """
-    packer = Packer()
-    head, heads = packer.begin(surface, boxes)
+    packer = Packer(surface, boxes)
     area_edges = [edges_of(area) for area in areas]
-    head[kernels.I_AREAS] = len(areas)
-    head[kernels.I_AREA_TABLE] = packer.add_ints([(packer.add_polygon(edges), len(edges)) for edges in area_edges])
+    packer.add_areas(area_edges)
     if len(lanes) >= kernels.LANE_EDGE:
         raise ValueError(f"lanes: {len(lanes)} meet at one junction; the judge allows {kernels.LANE_EDGE - 1} at most")
     lane_edges = [edges_of(polygon) for polygon, _ in lanes]
-    lane_lines = [segments_of(line) for _, line in lanes]
-    head[kernels.I_LANES] = len(lanes)
-    head[kernels.I_LANE_TABLE] = packer.add_ints(
-        [
-            (packer.add_polygon(edges), len(edges), packer.add_floats(line), len(line))
-            for edges, line in zip(lane_edges, lane_lines, strict=True)
-        ]
-    )
+    packer.add_lanes(zip(lane_edges, (line for _, line in lanes), strict=True))
 
-    line = segments_of(approach)
+    head, line = packer.head, segments_of(approach)
     if not len(line):
         raise ValueError("approach: its lane has no length; give at least two different points")
-    head[kernels.I_APPROACH], head[kernels.I_APPROACH_COUNT] = packer.add_floats(line), len(line)
-    heads[kernels.F_STOP_X], heads[kernels.F_STOP_Y] = approach[-1].tolist()
-    heads[kernels.F_STOP_UX], heads[kernels.F_STOP_UY] = line[-1, 2:4].tolist()
-    for k, exit_lane in enumerate(exits):
-        if exit_lane is not None:
-            line = segments_of(exit_lane[0])
-            head[kernels.I_EXITS + 2 * k : kernels.I_EXITS + 2 * k + 2] = packer.add_floats(line), len(line)
-            heads[kernels.F_WIDTHS + k] = exit_lane[1]
+    head.approach, head.approach_count = packer.add_floats(line), len(line)
+    head.stop_x, head.stop_y = approach[-1].tolist()
+    head.stop_ux, head.stop_uy = line[-1, 2:4].tolist()
+    known = [(np.empty((0, 6)), 0.0) if one is None else (segments_of(one[0]), one[1]) for one in exits]
+    head.exits = packer.add_ints([(packer.add_floats(line), len(line)) for line, _ in known])
+    head.widths = packer.add_floats([width for _, width in known])
 
-    packer.end(head, heads)
-    return packer.packed(_codes(surface, area_edges, lane_edges))
-
-
-def _codes(surface: Surface, areas: Sequence[Floats], lanes: Sequence[Floats]) -> NDArray[np.uint8]:
-    grid = surface.grid
-    area = np.zeros((grid.rows, grid.columns), np.uint8)
-    lane = np.zeros_like(area)
-    for codes, shapes, edge in ((area, areas, kernels.AREA_EDGE), (lane, lanes, kernels.LANE_EDGE)):
-        parts = [grid.part(edges) for edges in shapes]
+    area, lane = np.zeros_like(surface.codes), np.zeros_like(surface.codes)
+    for codes, shapes, edge in ((area, area_edges, kernels.AREA_EDGE), (lane, lane_edges, kernels.LANE_EDGE)):
+        parts = [surface.grid.part(edges) for edges in shapes]
         for k, (edges, (part, where)) in enumerate(zip(shapes, parts, strict=True)):
-            number = min(k + 1, kernels.AREA_OTHER) if codes is area else k + 1
-            codes[where][part.covered(edges)] = number
+            codes[where][part.covered(edges)] = min(k + 1, kernels.AREA_OTHER) if codes is area else k + 1
         for edges, (part, where) in zip(shapes, parts, strict=True):
             codes[where][part.touched(edges)] = edge
-    packed: NDArray[np.uint8] = np.ravel(surface.codes | (area << 2) | (lane << 4))
-    return packed
+    return packer.packed(surface.codes | (area << 2) | (lane << 4))
 
 
-def numbers_of(thresholds: Thresholds) -> Floats:
-    """Return the thresholds and the car's body as the kernels read them."""
-    vehicle = VEHICLE
-    numbers = np.zeros(kernels.NUMBERS)
-    radius = math.sqrt(vehicle.half_length**2 + vehicle.half_width**2)
-    assert radius <= REACH, "the boxes' grid is made for a smaller car"
-    numbers[kernels.N_ENGAGE] = thresholds.engage_distance
-    numbers[kernels.N_WRONG_WAY] = thresholds.wrong_way_distance
-    numbers[kernels.N_EXIT] = thresholds.exit_distance
-    numbers[kernels.N_EXIT_COS] = math.cos(math.radians(thresholds.exit_heading))
-    numbers[kernels.N_COMMAND] = thresholds.command_distance
-    numbers[kernels.N_TTC] = thresholds.ttc_horizon
-    numbers[kernels.N_FRONT_AXLE] = vehicle.wheelbase - vehicle.rear_axle
-    numbers[kernels.N_REAR_AXLE] = -vehicle.rear_axle
-    numbers[kernels.N_WHEEL_SIDE] = vehicle.half_track
-    numbers[kernels.N_HALF_LENGTH] = vehicle.half_length
-    numbers[kernels.N_HALF_WIDTH] = vehicle.half_width
-    numbers[kernels.N_RADIUS] = radius
-    numbers[kernels.N_TIME_LIMIT] = thresholds.time_limit - CLOCK_TOLERANCE
-    numbers[kernels.N_WHEELS_OFF] = thresholds.wheels_off
-    numbers[kernels.N_STAND_DISTANCE] = thresholds.stand_distance
-    numbers[kernels.N_STAND_TIME] = thresholds.stand_time - CLOCK_TOLERANCE
-    numbers[kernels.N_REST_DISTANCE] = thresholds.rest_distance
-    numbers[kernels.N_REST_TIME] = thresholds.rest_time - CLOCK_TOLERANCE
-    numbers[kernels.N_REST_TOTAL] = thresholds.rest_total - CLOCK_TOLERANCE
-    numbers[kernels.N_AREA_TOTAL] = thresholds.area_total - CLOCK_TOLERANCE
-    numbers[kernels.N_WAIT_DISTANCE] = thresholds.wait_distance
-    numbers[kernels.N_WAIT_TIME] = thresholds.wait_time - CLOCK_TOLERANCE
-    numbers[kernels.N_LAST_WAIT_TIME] = thresholds.last_wait_time - CLOCK_TOLERANCE
-    numbers[kernels.N_OPPOSED_DISTANCE] = thresholds.opposed_distance
+def numbers_of(thresholds: Thresholds = THRESHOLDS, limits: JourneyThresholds = JOURNEY_THRESHOLDS) -> Floats:
+    """Return thresholds and the car's body as the kernels read them: a row of NUMBERS."""
+    values = dataclasses.asdict(thresholds)
+    values |= {f"journey_{name}": value for name, value in dataclasses.asdict(limits).items()}
+    for name in values:
+        if name.endswith(("_time", "_total", "time_limit")):
+            values[name] -= CLOCK_TOLERANCE
+    values["exit_cos"] = math.cos(math.radians(thresholds.exit_heading))
+    values["front_axle"], values["rear_axle"] = VEHICLE.wheelbase - VEHICLE.rear_axle, -VEHICLE.rear_axle
+    values["wheel_side"] = VEHICLE.half_track
+    values["half_length"], values["half_width"] = VEHICLE.half_length, VEHICLE.half_width
+    values["radius"] = math.sqrt(VEHICLE.half_length**2 + VEHICLE.half_width**2)
+    assert values["radius"] <= REACH, "the boxes' grid is made for a smaller car"
+    numbers = np.array([values[name] for name in kernels.NUMBERS.names or ()], np.float64)
     numbers.setflags(write=False)
     return numbers

@@ -26,7 +26,6 @@ UNDECIDED: Final = (Verdict.TIMEOUT, Verdict.NOT_ENGAGED)
 """Verdicts that are neither safe nor unsafe. An agent may have few of them."""
 NEVER_RANKED: Final = "A row over {count} training seeds on the open draw, which is never ranked."
 """Why an algorithm has no rank."""
-"""Why nobody has a rank on a suite that was replaced."""
 
 
 @dataclass(frozen=True)
@@ -113,8 +112,7 @@ def rank(rows: Sequence[RankingInput]) -> list[LeaderboardEntry]:
     A rank is 1 plus the number of other owners that have a ranked agent of the same track whose 83.4 % interval lies
     wholly below this one's. Intervals that touch count as equal.
 
-    Args:
-        rows: One finished evaluation per agent, and the rows of algorithms.
+    The rows are one finished evaluation per agent, and those of algorithms.
 
     Returns:
         The entries, track by track. Ranked ones come first, by rank, strict unsafe count and name; then the others, by

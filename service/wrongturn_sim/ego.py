@@ -8,8 +8,7 @@ arithmetic is scalar and uses ``math`` without fastmath, so numba and Python giv
 import math
 from typing import Final
 
-from wrongturn_judge.compiling import compiled_with
-from wrongturn_protocol import vehicle
+from wrongturn_judge.compiling import compiled
 from wrongturn_protocol.vehicle import VEHICLE
 
 SUB_STEP: Final = 0.05
@@ -36,25 +35,14 @@ State = tuple[float, float, float, float, float]
 v (m/s, along the axis), steering (applied, -1 full left to 1 full right)."""
 
 
-@compiled_with(vehicle)
+@compiled()
 def advance(
     x: float, y: float, yaw: float, v: float, steering: float, steer: float, throttle: float, brake: float, dt: float
 ) -> State:
     """Return the car's state ``dt`` seconds later.
 
-    Args:
-        x: of the body's centre, metres.
-        y: of the body's centre, metres.
-        yaw: radians, counter-clockwise from east.
-        v: m/s.
-        steering: the applied steering, -1..1.
-        steer: the wanted steering, -1..1, already rounded to float32.
-        throttle: 0..1, already rounded to float32.
-        brake: 0..1, already rounded to float32.
-        dt: seconds.
-
-    Returns:
-        x, y, yaw, v, steering.
+    The first five are the :data:`State` now; ``steer`` (-1..1), ``throttle`` and ``brake`` (0..1) are the action,
+    already rounded to float32.
     """
     reach = _SLEW * dt
     turn = steer - steering

@@ -10,11 +10,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from wrongturn_judge.compiling import compiled_with, record
+from wrongturn_judge.compiling import compiled, record
 from wrongturn_judge.kernels import Array
-from wrongturn_sim import polyline
 from wrongturn_sim.polyline import fill, project
 
 WINDOW_BEFORE = 15.0
@@ -65,13 +63,13 @@ class Net(NamedTuple):
     """(legs, 3) of GATE"""
 
 
-@njit(cache=True)
+@compiled()
 def net_of(points: Array, along: Array, legs: Array, gates: Array) -> Net:
     """Return the arrays of :attr:`wrongturn_sim.roads.Roads.tables` as kernels look at them."""
     return Net(points, along, legs.view(LEG)[:, 0], gates.view(GATE)[:, :, 0])
 
 
-@njit(cache=True)
+@compiled()
 def taken(gate: Any, x: float, y: float) -> bool:
     """Return whether a point lies in the lane of an exit, shortly past the exit line."""
     dx, dy = x - gate.x, y - gate.y
@@ -80,7 +78,7 @@ def taken(gate: Any, x: float, y: float) -> bool:
     return within
 
 
-@njit(cache=True)
+@compiled()
 def choose(draws: Array, progress: Any, count: int) -> Any:
     """Return one of ``count`` exits, at most three, drawn as ``random.choice`` does.
 
@@ -95,7 +93,7 @@ def choose(draws: Array, progress: Any, count: int) -> Any:
     return 0
 
 
-@njit(cache=True)
+@compiled()
 def enter(net: Net, draws: Array, way: Array, progress: Any, leg: int) -> None:
     """Plan the route anew from a lane."""
     progress.leg, progress.inside = leg, 0
@@ -105,7 +103,7 @@ def enter(net: Net, draws: Array, way: Array, progress: Any, leg: int) -> None:
         progress.gate = choose(draws, progress, net.legs[leg].gates) if net.legs[leg].gates > 0 else NONE
 
 
-@njit(cache=True)
+@compiled()
 def leave(net: Net, draws: Array, way: Array, progress: Any, k: int) -> None:
     """Plan the route anew from the lane of exit ``k``, which the car took, whether it was the route's or not."""
     leg = progress.leg
@@ -114,7 +112,7 @@ def leave(net: Net, draws: Array, way: Array, progress: Any, k: int) -> None:
     enter(net, draws, way, progress, net.gates[leg, k].leg)
 
 
-@compiled_with(polyline)
+@compiled()
 def found_again(net: Net, leg: int, x: float, y: float) -> int:
     """Return the leg of a car that entered an exit's lane late, or turned round in the junction; -1 for none."""
     count, back = net.legs[leg].gates, net.legs[leg].back
@@ -128,7 +126,7 @@ def found_again(net: Net, leg: int, x: float, y: float) -> int:
     return -1
 
 
-@compiled_with(polyline)
+@compiled()
 def update(
     points: Array, along: Array, legs: Array, gates: Array, draws: Array, way: Array, row: Array, x: float, y: float
 ) -> tuple[int, int, float, float, float]:
@@ -179,7 +177,7 @@ def update(
     return gate.direction, leg, progress.window + s, lateral, heading
 
 
-@njit(cache=True)
+@compiled()
 def stop_line(legs: Array, row: Array) -> float:
     """Return metres along the lane to the stop line; -1 within a junction and where none lies within 60 m."""
     progress = row.view(PROGRESS)[0]
@@ -188,7 +186,7 @@ def stop_line(legs: Array, row: Array) -> float:
     return -1.0 if progress.inside or not leg.approach or left > VISIBLE_RANGE else left
 
 
-@compiled_with(polyline)
+@compiled()
 def lane_ahead(points: Array, along: Array, legs: Array, row: Array, out: Array) -> None:
     """Fill ``out`` (n, 2) with the lane's centre line ahead, 1 m apart; within a junction, with the lane's end."""
     progress = row.view(PROGRESS)[0]
@@ -196,7 +194,7 @@ def lane_ahead(points: Array, along: Array, legs: Array, row: Array, out: Array)
     fill(points, along, leg.first, leg.end, leg.length if progress.inside else progress.s, out)
 
 
-@njit(cache=True)
+@compiled()
 def legs_ahead(
     points: Array, along: Array, legs: Array, gates: Array, draws: Array, way: Array, row: Array, metres: float
 ) -> list[int]:

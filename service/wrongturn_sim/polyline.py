@@ -4,13 +4,14 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from wrongturn_judge.compiling import compiled
 
 Points = NDArray[np.float64]
 
 
-@njit(cache=True)
+@compiled()
 def measure(points: Points) -> Points:
     """Return the distance along the line from its first point to each point, (N,), metres."""
     along = np.zeros(points.shape[0])
@@ -21,17 +22,12 @@ def measure(points: Points) -> Points:
     return along
 
 
-@njit(cache=True)
+@compiled()
 def project(points: Points, along: Points, first: int, end: int, x: float, y: float) -> tuple[float, float, float]:
     """Return the place on a line that is nearest to a point.
 
-    Args:
-        points: (N, 2), metres, of one line or of several, one after the other.
-        along: (N,), distances as :func:`measure` returns them for each line.
-        first: index of the line's first point.
-        end: index after its last point; a line has at least two.
-        x: of the point, metres.
-        y: of the point, metres.
+    ``points`` (N, 2) and ``along`` (N,), as :func:`measure` returns it, can hold several lines, one after the
+    other. The line has those from ``first`` to before ``end``, two at least. All are metres.
 
     Returns:
         Distance along the line to that place, metres; distance of the point from it, metres, positive to the left;
@@ -70,17 +66,11 @@ def project(points: Points, along: Points, first: int, end: int, x: float, y: fl
     return at, (distance if side >= 0.0 else -distance), math.atan2(ey, ex)
 
 
-@njit(cache=True)
+@compiled()
 def fill(points: Points, along: Points, first: int, end: int, begin: float, out: NDArray[np.float32]) -> None:
-    """Fill an array with points of a line, 1 m apart; past the line's end its last point is repeated.
+    """Fill ``out`` (M, 2) with points of a line, 1 m apart, from ``begin`` metres along it; past its end with its end.
 
-    Args:
-        points: (N, 2), metres, of one line or of several, one after the other.
-        along: (N,), distances as :func:`measure` returns them for each line.
-        first: index of the line's first point.
-        end: index after its last point.
-        begin: where the points start, metres along the line.
-        out: (M, 2), filled.
+    The line is given as for :func:`project`.
     """
     last = end - 1
     i = first

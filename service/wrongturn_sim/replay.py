@@ -28,10 +28,6 @@ class Replay:
 
     Decision 0 is the reset. Decision ``n`` is what the agent got in reply to its ``n``-th step.
 
-    Args:
-        trajectory: The episode's trajectory.
-        outcome: The episode's outcome, if it is known.
-
     Raises:
         UnknownTownError: The town is not installed here.
         TrajectoryError: The trajectory has no rows.
@@ -90,9 +86,7 @@ class Replay:
     def last_view(self, command: int | None = None, route_command: int | None = None) -> "Image":
         """Return the last picture that :meth:`Episode.view` gave, RGB uint8 (480, 864, 3).
 
-        Args:
-            command: the command after the last row, which the trajectory does not hold; by default that before it.
-            route_command: the same for the route's.
+        The trajectory does not hold the commands after the last row; by default they are those before it.
         """
         from wrongturn_sim.view.views import VIEW_SIZE, Views  # noqa: PLC0415 - as above
 
@@ -110,18 +104,15 @@ class Replay:
         Raises:
             ViewError: The size is too small or too large.
         """
-        from wrongturn_sim.view.picture import draw_picture  # noqa: PLC0415 - as below
+        from wrongturn_sim.view.views import draw_picture  # noqa: PLC0415 - as below
 
         return draw_picture(self.town, self.trajectory, self.outcome, size)
 
     def frames(self, view: View | str, size: int = SIZE, *, first: int = 0, every: int = 1) -> "Iterator[Image]":
         """Yield a picture for each decision, or for some of them; the last one is always among them.
 
-        Args:
-            view: ``top``, ``camera`` or ``both``.
-            size: Side of the view from above, or width of the camera's, pixels.
-            first: The first decision that is shown. The view from above shows the way from there on.
-            every: 2 shows every second decision, and so on.
+        ``size`` is the side of the view from above, or the camera's width, pixels. The view from above shows the way
+        from the decision ``first`` on; ``every=2`` shows every second decision, and so on.
 
         Raises:
             IndexError: There is no such first decision.
@@ -135,12 +126,7 @@ class Replay:
         return (views.draw(view, self._moment(decision, renderer)) for decision in shown)
 
     def video(self, file: str | Path, view: View | str = View.BOTH, size: int = SIZE) -> int:
-        """Write a film of ten frames a second, one for each decision, and return their number.
-
-        Args:
-            file: A file whose name ends in ``.mp4`` or ``.webp``.
-            view: ``top``, ``camera`` or ``both``.
-            size: Side of the view from above, or width of the camera's, pixels.
+        """Write an ``.mp4`` or ``.webp`` of ten frames a second, one for each decision, and return their number.
 
         Raises:
             FilmError: The file's name ends otherwise, or it cannot be written.

@@ -16,6 +16,8 @@ import pytest
 import wrongturn_judge
 import wrongturn_sim
 
+ALWAYS = "wrongturn_judge.compiling"
+"""``compiled_with`` is in it and always looks at it. It makes the types of records."""
 PROJECT = ("wrongturn_judge", "wrongturn_sim", "wrongturn_protocol", "wrongturn_networks")
 
 
@@ -115,7 +117,7 @@ def kept(source: Source) -> Iterator[tuple[ast.FunctionDef, set[str]]]:
             decorator = ast.unparse(call.func)
             if decorator == "compiled_with":
                 named = [source.imported[ast.unparse(argument)] for argument in call.args]
-                yield node, {module for module, there in named if there is None}
+                yield node, {module for module, there in named if there is None} | {ALWAYS}
             elif decorator.rpartition(".")[2] in {"njit", "jit", "vectorize", "guvectorize"}:
                 cached = {word.arg: word.value for word in call.keywords}.get("cache")
                 if cached is not None and ast.unparse(cached) != "False":

@@ -19,8 +19,10 @@ from wrongturn_sim.camera.kernels import (
     floor,
     haze_at,
     kernel,
+    mix,
     noise,
     put,
+    toned,
     triple,
 )
 from wrongturn_sim.camera.pinhole import CY, FOCAL, LEVEL, PITCH_COS, PITCH_SIN, UP
@@ -52,14 +54,7 @@ def sky_colour(column: Column, flat: float, slope: float, cover: Any) -> Colour:
     """
     look, dx, dy = column.look, column.dx, column.dy
     rise = max(slope, 0.0)
-    share = rise / (rise + 0.16 * flat)
-    red, green, blue = triple(look, HORIZON)
-    zenith_r, zenith_g, zenith_b = triple(look, ZENITH)
-    red, green, blue = (
-        red + (zenith_r - red) * share,
-        green + (zenith_g - green) * share,
-        blue + (zenith_b - blue) * share,
-    )
+    colour = mix(triple(look, HORIZON), triple(look, ZENITH), rise / (rise + 0.16 * flat))
     # Clouds lie on a plane far above. Towards the horizon they become flat and fade into its haze.
     scale = 52.0 / (rise + 0.09 * flat)
     value = cover[int(dy * scale + 8192.0) & 511, int(dx * scale + 8192.0) & 511] * (1.0 / 255.0)
@@ -67,10 +62,7 @@ def sky_colour(column: Column, flat: float, slope: float, cover: Any) -> Colour:
     # Their undersides are darker.
     thick = 1.0 - 0.16 * clamp((value - 0.6) * 3.0, 0.0, 1.0)
     cloud *= 0.92
-    cloud_r, cloud_g, cloud_b = triple(look, CLOUD)
-    red += (cloud_r * thick - red) * cloud
-    green += (cloud_g * thick - green) * cloud
-    blue += (cloud_b * thick - blue) * cloud
+    colour = mix(colour, toned(triple(look, CLOUD), thick), cloud)
     if look[GLOW] > 0.0:
         sun_x, sun_y, sun_z = triple(look, SUN)
         toward = (dx * sun_x + dy * sun_y + slope * sun_z) / math.sqrt(flat * flat + slope * slope)
@@ -81,10 +73,12 @@ def sky_colour(column: Column, flat: float, slope: float, cover: Any) -> Colour:
             glow *= glow
             glow *= glow
             bright = (0.30 * wide + 0.9 * glow * glow * look[GLOW]) * (1.0 - 0.5 * cloud)
+            red, green, blue = colour
             red += (255.0 - red) * min(bright * 1.2, 1.0)
             green += (214.0 - green) * min(bright, 1.0) * 0.9
             blue += (150.0 - blue) * min(bright, 1.0) * 0.6
-    return red, green, blue
+            colour = red, green, blue
+    return colour
 
 
 @kernel
@@ -99,27 +93,18 @@ def code_at(x: float, y: float, ground: Any, frame: Any) -> int:
 
 
 @kernel
-def kind_of(code: int) -> int:
-    """Return the kind of ground that a code stands for: 0 for vegetation, else the number of its class."""
-    return (code >> 4) & 3
-
-
-@kernel
 def ground_colour(column: Column, code: int, t: float, upper: float, lower: float, scene: Scene) -> Colour:
     """Return the colour of the ground at depth t; ``upper`` and ``lower`` are the depths a third of a row away."""
     look, px, py = column.look, column.px, column.py
-    red, green, blue = triple(look, GROUND_COLOURS + 3 * code)
-    if t > 10.0:
-        # A far pixel covers much ground: take two more samples of the colour.
-        dx, dy, ex, ey = column.dx, column.dy, column.ex, column.ey
-        above = code_at(px + upper * (dx + ex), py + upper * (dy + ey), scene.ground, scene.frame)
-        below = code_at(px + lower * (dx - ex), py + lower * (dy - ey), scene.ground, scene.frame)
-        above_r, above_g, above_b = triple(look, GROUND_COLOURS + 3 * above)
-        below_r, below_g, below_b = triple(look, GROUND_COLOURS + 3 * below)
-        red = (red + above_r + below_r) * (1.0 / 3.0)
-        green = (green + above_g + below_g) * (1.0 / 3.0)
-        blue = (blue + above_b + below_b) * (1.0 / 3.0)
-    return red, green, blue
+    here = triple(look, GROUND_COLOURS + 3 * code)
+    if t <= 10.0:
+        return here
+    # A far pixel covers much ground: take two more samples of the colour.
+    dx, dy, ex, ey = column.dx, column.dy, column.ex, column.ey
+    above = code_at(px + upper * (dx + ex), py + upper * (dy + ey), scene.ground, scene.frame)
+    below = code_at(px + lower * (dx - ex), py + lower * (dy - ey), scene.ground, scene.frame)
+    high, low = triple(look, GROUND_COLOURS + 3 * above), triple(look, GROUND_COLOURS + 3 * below)
+    return toned((here[0] + high[0] + low[0], here[1] + high[1] + low[1], here[2] + high[2] + low[2]), 1.0 / 3.0)
 
 
 @kernel
@@ -151,20 +136,13 @@ def ground_pixel(column: Column, v: int, flat: float, base: float, rows: Any, sc
     look, slope, t = column.look, column.slopes[v], rows[REACH, v]
     x, y = column.px + t * column.dx, column.py + t * column.dy
     code = code_at(x, y, scene.ground, scene.frame) & 255
-    red, green, blue = ground_colour(column, code, t, rows[UPPER, v], rows[LOWER, v], scene)
-    shade = column.shade[v]
-    red, green, blue = red * shade, green * shade, blue * shade
-    kind = kind_of(code)
+    colour = toned(ground_colour(column, code, t, rows[UPPER, v], rows[LOWER, v], scene), column.shade[v])
+    kind = (code >> 4) & 3
     if look[WETNESS] > 0.0 and kind > 0:
         share = mirror_share(x, y, slope, kind, look, scene.cover)
-        mirrored_r, mirrored_g, mirrored_b = mirrored_colour(column, v, flat, base, slope, scene.cover)
-        red += (mirrored_r - red) * share
-        green += (mirrored_g - green) * share
-        blue += (mirrored_b - blue) * share
-    haze = rows[HAZE, v]
-    haze_r, haze_g, haze_b = triple(look, HAZE_COLOUR)
-    red, green, blue = red + (haze_r - red) * haze, green + (haze_g - green) * haze, blue + (haze_b - blue) * haze
-    put(column.canvas, column.u, v, red, green, blue, kind if kind > 0 else _VEGETATION)
+        colour = mix(colour, mirrored_colour(column, v, flat, base, slope, scene.cover), share)
+    colour = mix(colour, triple(look, HAZE_COLOUR), rows[HAZE, v])
+    put(column, v, colour, kind if kind > 0 else _VEGETATION)
 
 
 @kernel
@@ -178,8 +156,7 @@ def background(column: Column, base: float, rows: Any, scene: Scene) -> None:
         if column.depth[v] < 1e8:
             continue
         if column.slopes[v] >= _LEVEL_RAY:
-            red, green, blue = sky_colour(column, flat, column.slopes[v], scene.cover)
-            put(column.canvas, column.u, v, red, green, blue, _SKY)
+            put(column, v, sky_colour(column, flat, column.slopes[v], scene.cover), _SKY)
         else:
             ground_pixel(column, v, flat, base, rows, scene)
 

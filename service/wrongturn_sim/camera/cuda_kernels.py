@@ -40,19 +40,9 @@ _LOCAL: Final = (WORK, LOW)
 
 @cuda.jit(fastmath=True)
 def look_around(
-    numbers: Any,
-    looks: Any,
-    camera: Any,
-    scenery: Any,
-    items: int,
-    others: Any,
-    width: int,
-    height: int,
-    rows: Any,
-    place: Any,
-    spans: Any,
-    users: Any,
-) -> None:
+    numbers: Any, looks: Any, camera: Any, scenery: Any, items: int, others: Any, width: int, height: int, rows: Any,
+    place: Any, spans: Any, users: Any,
+) -> None:  # fmt: skip
     """Set ``rows``, ``place``, ``spans`` and ``users``, with a block for each picture.
 
     Shapes: ``others`` (M, 8), those of all pictures; ``rows`` (N, ROWS, height), ``place`` and ``spans``
@@ -79,23 +69,9 @@ def look_around(
 
 @kernel
 def paint_column(
-    i: int,
-    u: int,
-    numbers: Any,
-    looks: Any,
-    camera: Any,
-    scene: Scene,
-    rows: Any,
-    place: Any,
-    spans: Any,
-    counts: Any,
-    lists: Any,
-    users: Any,
-    canvas: Any,
-    work: Any,
-    rgb: Any,
-    segmentation: Any,
-) -> None:
+    i: int, u: int, numbers: Any, looks: Any, camera: Any, scene: Scene, rows: Any, place: Any, spans: Any, counts: Any,
+    lists: Any, users: Any, canvas: Any, work: Any, rgb: Any, segmentation: Any,
+) -> None:  # fmt: skip
     """Paint column u of picture i; ``work`` is for this column alone, the other arrays are for all pictures."""
     count = 0
     for item in range(scene.scenery.shape[0] + int(numbers[i, OTHERS])):
@@ -114,24 +90,9 @@ def paint_column(
 
 @cuda.jit(fastmath=True)
 def paint_low(
-    numbers: Any,
-    looks: Any,
-    camera: Any,
-    ground: Any,
-    frame: Any,
-    scenery: Any,
-    shops: Any,
-    cover: Any,
-    rows: Any,
-    place: Any,
-    spans: Any,
-    counts: Any,
-    lists: Any,
-    users: Any,
-    canvas: Any,
-    rgb: Any,
-    segmentation: Any,
-) -> None:
+    numbers: Any, looks: Any, camera: Any, ground: Any, frame: Any, scenery: Any, shops: Any, cover: Any, rows: Any,
+    place: Any, spans: Any, counts: Any, lists: Any, users: Any, canvas: Any, rgb: Any, segmentation: Any,
+) -> None:  # fmt: skip
     """Paint pictures of at most LOW rows, with a thread for each column."""
     i, u = cuda.blockIdx.x, cuda.blockIdx.y * cuda.blockDim.x + cuda.threadIdx.x
     work = cuda.local.array(_LOCAL, np.float64)
@@ -145,30 +106,13 @@ def paint_low(
 
 @cuda.jit(fastmath=True)
 def paint_tall(
-    numbers: Any,
-    looks: Any,
-    camera: Any,
-    ground: Any,
-    frame: Any,
-    scenery: Any,
-    shops: Any,
-    cover: Any,
-    rows: Any,
-    place: Any,
-    spans: Any,
-    counts: Any,
-    lists: Any,
-    users: Any,
-    canvas: Any,
-    work: Any,
-    rgb: Any,
-    segmentation: Any,
-) -> None:
+    numbers: Any, looks: Any, camera: Any, ground: Any, frame: Any, scenery: Any, shops: Any, cover: Any, rows: Any,
+    place: Any, spans: Any, counts: Any, lists: Any, users: Any, canvas: Any, work: Any, rgb: Any, segmentation: Any,
+) -> None:  # fmt: skip
     """Paint pictures of any height, with a thread for each column; ``work`` is (N, WORK, rows, columns)."""
     i, u = cuda.blockIdx.x, cuda.blockIdx.y * cuda.blockDim.x + cuda.threadIdx.x
     if u < segmentation.shape[2]:
-        scene = Scene(ground, frame, scenery, shops, cover)
-        mine = work[i, :, :, u]
+        scene, mine = Scene(ground, frame, scenery, shops, cover), work[i, :, :, u]
         paint_column(
             i, u, numbers, looks, camera, scene, rows, place, spans, counts, lists, users, canvas, mine, rgb,
             segmentation,

@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 from wrongturn_protocol.segmentation import SegmentationClass
+from wrongturn_sim.camera import solids
 from wrongturn_sim.camera.kernels import (
     Colour,
     Column,
@@ -14,32 +15,9 @@ from wrongturn_sim.camera.kernels import (
     noise,
     put,
     put_lit,
+    toned,
     triple,
     turned,
-)
-from wrongturn_sim.camera.solids import (
-    B2,
-    BAY_X,
-    BAY_Y,
-    BRICK_STYLE,
-    G2,
-    HALF_X,
-    HALF_Y,
-    HEDGE,
-    HEIGHT,
-    KIND,
-    R2,
-    RISE,
-    SEED,
-    SHOP,
-    STOREY,
-    STYLE,
-    TALL,
-    WALL,
-    WIDE,
-    B,
-    G,
-    R,
 )
 from wrongturn_sim.camera.weathers import HAZE_COLOUR, HORIZON, LAMPS, SKYLIGHT, SUN, SUNLIGHT
 
@@ -131,30 +109,30 @@ def lit(row: Any, along_x: bool, sign: float, look: Any) -> float:
 def house_of(face: Face, foot: float, row: Any) -> House:
     """Return what a column shows of a house's face; ``foot`` is the height of a pixel there, metres."""
     t, s = face.t, face.s
-    bay, half = (row[BAY_Y], row[HALF_Y]) if face.along_x else (row[BAY_X], row[HALF_X])
-    brick = row[STYLE] == BRICK_STYLE and t < 45.0
+    bay, half = (row[solids.BAY_Y], row[solids.HALF_Y]) if face.along_x else (row[solids.BAY_X], row[solids.HALF_X])
+    brick = row[solids.STYLE] == solids.BRICK_STYLE and t < 45.0
     corner = clamp((half - abs(s)) * 2.0, 0.0, 1.0)
-    sill = 0.30 + 0.1 * (0.5 - row[TALL])
+    sill = 0.30 + 0.1 * (0.5 - row[solids.TALL])
     x = (s + half) / bay
     step = foot / max(0.2, face.tilt) / bay
-    wide, rim = 0.5 * row[WIDE], 0.07 / bay
+    wide, rim = 0.5 * row[solids.WIDE], 0.07 / bay
     bars = covered(x, step, 0.48, 0.52)
     place = floor(x)
     return House(
-        (row[R], row[G], row[B]),
-        (row[R2], row[G2], row[B2]),
-        row[HEIGHT],
-        row[STOREY],
-        row[HEIGHT] - 0.3 if row[RISE] == 0.0 else 1e9,
+        triple(row, solids.R),
+        triple(row, solids.R2),
+        row[solids.HEIGHT],
+        row[solids.STOREY],
+        row[solids.HEIGHT] - 0.3 if row[solids.RISE] == 0.0 else 1e9,
         brick,
         0.92 + 0.08 * corner,
         0.24 * clamp(1.0 - t / 45.0, 0.0, 1.0) if brick else 0.16 * clamp(1.0 - t / 70.0, 0.0, 1.0),
-        int(row[SEED]),
+        int(row[solids.SEED]),
         sill,
-        min(0.92, sill + row[TALL]),
+        min(0.92, sill + row[solids.TALL]),
         place,
         not face.along_x and place == int(2 * half / bay + 0.5) // 2,
-        int(row[SHOP]) if not face.along_x else 0,
+        int(row[solids.SHOP]) if not face.along_x else 0,
         covered(x, step, 0.5 - wide, 0.5 + wide) - bars,
         covered(x, step, 0.5 - wide - rim, 0.5 + wide + rim),
         bars,
@@ -174,13 +152,13 @@ def wall_colour(house: House, s: float, z: float, y: float, level: int) -> Colou
         tone *= 0.74 + 0.2 * max(z, 0.0)
     elif z > house.eaves - 0.45 and z <= house.eaves:
         tone *= 0.8
-    red, green, blue = house.wall[0] * tone, house.wall[1] * tone, house.wall[2] * tone
+    colour = toned(house.wall, tone)
     if z > house.cornice:
-        red, green, blue = house.trim[0] * 0.94, house.trim[1] * 0.94, house.trim[2] * 0.94
+        colour = toned(house.trim, 0.94)
     elif level > 0 and (y - level) * house.storey < 0.16:
         # A string course at each floor.
-        red, green, blue = red * 1.1, green * 1.1, blue * 1.1
-    return red, green, blue
+        colour = toned(colour, 1.1)
+    return colour
 
 
 @kernel
@@ -263,9 +241,9 @@ def house_run(column: Column, a: int, b: int, face: Face, row: Any, shops: Any) 
                     glass = (250.0 / light_r * clear, 196.0 / light_g * clear, 110.0 / light_b * clear)
             colour = with_window(house, colour, glass, z, level, inside, outside)
         if house.shop > 0 and level == 0 and y > 0.76 and y < 0.96:
-            colour = (shops[house.shop - 1, 0], shops[house.shop - 1, 1], shops[house.shop - 1, 2])
-        red, green, blue = colour[0] * light_r + haze_r, colour[1] * light_g + haze_g, colour[2] * light_b + haze_b
-        put(column.canvas, column.u, v, red, green, blue, _BUILDING)
+            colour = triple(shops[house.shop - 1], 0)
+        colour = colour[0] * light_r + haze_r, colour[1] * light_g + haze_g, colour[2] * light_b + haze_b
+        put(column, v, colour, _BUILDING)
 
 
 @kernel
@@ -297,15 +275,15 @@ def hedge_tone(s: float, z: float, near: float, height: float, seed: int) -> flo
 def wall_run(column: Column, a: int, b: int, t: float, s: float, sun: float, row: Any) -> None:
     """Paint rows a to b of a wall of bricks or of a hedge, at depth t and s metres along it."""
     haze = haze_at(t, column.look)
-    height, seed, kind = row[HEIGHT], int(row[SEED]), int(row[KIND])
+    height, seed, kind = row[solids.HEIGHT], int(row[solids.SEED]), int(row[solids.KIND])
     near = clamp(1.0 - t / 60.0, 0.0, 1.0)
     for v in range(a, b):
         z = column.eye + column.slopes[v] * t
-        if kind == WALL:
+        if kind == solids.WALL:
             tone, seen = brick_tone(s, z, t, near, height, seed), _WALL
         else:
             tone, seen = hedge_tone(s, z, near, height, seed), _VEGETATION
-        put_lit(column, v, row[R] * tone, row[G] * tone, row[B] * tone, sun, haze, seen)
+        put_lit(column, v, toned(triple(row, solids.R), tone), sun, haze, seen)
 
 
 @kernel
@@ -313,15 +291,11 @@ def top_pixel(column: Column, v: int, t: float, x: float, y: float, sun: float, 
     """Paint a pixel of a roof, a coping or a hedge's crown; (x, y) is its place in the solid's own frame."""
     haze = haze_at(t, column.look)
     near = clamp(1.0 - t / 70.0, 0.0, 1.0)
-    seed, kind = int(row[SEED]), int(row[KIND])
-    if kind == HEDGE:
-        tone = 0.95 + near * 0.5 * (grain(floor(x * 5.0), floor(y * 5.0), seed) - 0.45)
-        red, green, blue, seen = row[R] * tone, row[G] * tone, row[B] * tone, _VEGETATION
-    elif kind == WALL:
-        tone = 1.1
-        red, green, blue, seen = row[R] * tone, row[G] * tone, row[B] * tone, _WALL
-    else:
+    seed, kind = int(row[solids.SEED]), int(row[solids.KIND])
+    first, seen, tone = solids.R, _WALL, 1.1
+    if kind == solids.HEDGE:
+        seen, tone = _VEGETATION, 0.95 + near * 0.5 * (grain(floor(x * 5.0), floor(y * 5.0), seed) - 0.45)
+    elif kind != solids.WALL:
         tiles = grain(floor(x * 2.5), floor(y * 3.0), seed)
-        tone = 0.95 + near * 0.22 * (tiles - 0.5)
-        red, green, blue, seen = row[R2] * tone, row[G2] * tone, row[B2] * tone, _BUILDING
-    put_lit(column, v, red, green, blue, sun, haze, seen)
+        first, seen, tone = solids.R2, _BUILDING, 0.95 + near * 0.22 * (tiles - 0.5)
+    put_lit(column, v, toned(triple(row, first), tone), sun, haze, seen)

@@ -161,33 +161,50 @@ def clamp(value: float, low: float, high: float) -> float:
 
 
 @kernel
-def put(canvas: Any, u: int, v: int, red: float, green: float, blue: float, seen: int) -> None:
+def triple(row: Any, first: int) -> Colour:
+    """Return three numbers of a look or a solid that belong together, from position ``first`` on."""
+    return row[first], row[first + 1], row[first + 2]
+
+
+@kernel
+def mix(colour: Colour, other: Colour, share: float) -> Colour:
+    """Return a colour with this share of another one."""
+    return (
+        colour[0] + (other[0] - colour[0]) * share,
+        colour[1] + (other[1] - colour[1]) * share,
+        colour[2] + (other[2] - colour[2]) * share,
+    )
+
+
+@kernel
+def toned(colour: Colour, tone: float) -> Colour:
+    """Return a colour that is this much brighter."""
+    return colour[0] * tone, colour[1] * tone, colour[2] * tone
+
+
+@kernel
+def put(column: Column, v: int, colour: Colour, seen: int) -> None:
     """Write a pixel's colour and class."""
-    canvas[v, u] = int(min(red, 255.0)) | int(min(green, 255.0)) << 8 | int(min(blue, 255.0)) << 16 | int(seen) << 24
+    red, green, blue = colour
+    code = int(min(red, 255.0)) | int(min(green, 255.0)) << 8 | int(min(blue, 255.0)) << 16 | int(seen) << 24
+    column.canvas[v, column.u] = code
 
 
 @kernel
-def triple(look: Any, first: int) -> Colour:
-    """Return three numbers of a look that belong together, from position ``first`` on."""
-    return look[first], look[first + 1], look[first + 2]
-
-
-@kernel
-def put_hazed(column: Column, v: int, red: float, green: float, blue: float, haze: float, seen: int) -> None:
+def put_hazed(column: Column, v: int, colour: Colour, haze: float, seen: int) -> None:
     """Write a pixel whose colour is faded by haze."""
-    clear = 1.0 - haze
-    haze_r, haze_g, haze_b = triple(column.look, HAZE_COLOUR)
-    red, green, blue = red * clear + haze_r * haze, green * clear + haze_g * haze, blue * clear + haze_b * haze
-    put(column.canvas, column.u, v, red, green, blue, seen)
+    clear, far = 1.0 - haze, triple(column.look, HAZE_COLOUR)
+    red, green, blue = colour
+    put(column, v, (red * clear + far[0] * haze, green * clear + far[1] * haze, blue * clear + far[2] * haze), seen)
 
 
 @kernel
-def put_lit(column: Column, v: int, red: float, green: float, blue: float, sun: float, haze: float, seen: int) -> None:
+def put_lit(column: Column, v: int, colour: Colour, sun: float, haze: float, seen: int) -> None:
     """Write a pixel of a surface: lit by the sky and by this share of the sun, then faded by haze."""
-    sky_r, sky_g, sky_b = triple(column.look, SKYLIGHT)
-    sun_r, sun_g, sun_b = triple(column.look, SUNLIGHT)
-    red, green, blue = red * (sky_r + sun * sun_r), green * (sky_g + sun * sun_g), blue * (sky_b + sun * sun_b)
-    put_hazed(column, v, red, green, blue, haze, seen)
+    sky, direct = triple(column.look, SKYLIGHT), triple(column.look, SUNLIGHT)
+    red, green, blue = colour
+    lit = red * (sky[0] + sun * direct[0]), green * (sky[1] + sun * direct[1]), blue * (sky[2] + sun * direct[2])
+    put_hazed(column, v, lit, haze, seen)
 
 
 @kernel

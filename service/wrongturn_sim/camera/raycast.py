@@ -8,9 +8,7 @@ pitched camera's column do not lie in one plane: for it, the same functions take
 
 from typing import Any
 
-from wrongturn_judge.compiling import compiled_with
-from wrongturn_protocol import segmentation as segmentation_classes
-from wrongturn_sim.camera import backdrop, facades, kernels, pinhole, prisms, road_users, sight, solids, thin, weathers
+from wrongturn_judge.compiling import compiled
 from wrongturn_sim.camera.backdrop import background, set_row
 from wrongturn_sim.camera.kernels import (
     DEPTH,
@@ -177,17 +175,9 @@ def rain(begin: int, end: int, look: Any, seed: int, tick: int, rgb: Any) -> Non
 
 @kernel
 def picture_into(
-    pose: Any,
-    seed: int,
-    tick: int,
-    others: Any,
-    camera: Any,
-    look: Any,
-    scene: Scene,
-    scratch: Scratch,
-    rgb: Any,
+    pose: Any, seed: int, tick: int, others: Any, camera: Any, look: Any, scene: Scene, scratch: Scratch, rgb: Any,
     segmentation: Any,
-) -> None:
+) -> None:  # fmt: skip
     """Paint one picture."""
     height, width = segmentation.shape
     eye = eye_of(pose[0], pose[1], pose[2], camera)
@@ -210,43 +200,12 @@ def picture_into(
     rain(0, width, look, seed, tick, rgb)
 
 
-@compiled_with(
-    backdrop,
-    facades,
-    kernels,
-    pinhole,
-    prisms,
-    road_users,
-    segmentation_classes,
-    sight,
-    solids,
-    thin,
-    weathers,
-    **OPTIONS,
-)
+@compiled(**OPTIONS)
 def pictures_into(
-    poses: Any,
-    seeds: Any,
-    ticks: Any,
-    others: Any,
-    begins: Any,
-    looks: Any,
-    camera: Any,
-    ground: Any,
-    frame: Any,
-    scenery: Any,
-    shops: Any,
-    cover: Any,
-    rows: Any,
-    work: Any,
-    place: Any,
-    counts: Any,
-    lists: Any,
-    users: Any,
-    canvas: Any,
-    rgb: Any,
-    segmentation: Any,
-) -> None:
+    poses: Any, seeds: Any, ticks: Any, others: Any, begins: Any, looks: Any, camera: Any, ground: Any, frame: Any,
+    scenery: Any, shops: Any, cover: Any, rows: Any, work: Any, place: Any, counts: Any, lists: Any, users: Any,
+    canvas: Any, rgb: Any, segmentation: Any,
+) -> None:  # fmt: skip
     """Paint pictures one after the other; the road users of picture i are rows begins[i] to begins[i + 1]."""
     # Built here from plain arrays: numba takes a quarter of a picture's time to unpack a named tuple from Python.
     scene = Scene(ground, frame, scenery, shops, cover)

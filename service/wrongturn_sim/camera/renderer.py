@@ -28,14 +28,10 @@ OTHER = USER_COLOUR + 1
 _NOBODY = np.zeros((0, OTHER))
 
 
-def _scene(world: World) -> Scene:
-    return Scene(world.ground, world.frame, world.scenery, _shops(), clouds())
-
-
-def _scratch(world: World, camera: Camera, others: int) -> Scratch:
-    """Return the arrays that one thread paints with."""
+def _fixed(world: World, camera: Camera, others: int) -> tuple[Any, ...]:
+    """Return what one thread's pictures have in common: camera, scene and arrays to paint with; room for ``others``."""
     items = max(len(world.scenery) + others, 1)
-    return Scratch(
+    scratch = Scratch(
         rows=np.zeros((ROWS, camera.height)),
         work=np.zeros((WORK, max(camera.height, HITS))),
         place=np.zeros((items, 2)),
@@ -45,6 +41,7 @@ def _scratch(world: World, camera: Camera, others: int) -> Scratch:
         users=np.zeros((others, COLUMNS)),
         canvas=np.zeros((camera.height, camera.width), np.uint32),
     )
+    return camera.packed(), *Scene(world.ground, world.frame, world.scenery, _shops(), clouds()), *scratch
 
 
 @cache
@@ -75,13 +72,11 @@ class Renderer:
         self.camera = camera or Camera()
         # A copy, because numba compiles another kernel for an array that is read-only.
         self._look = look_of(weather)[None].copy()
-        self._packed = self.camera.packed()
         self._seeds = np.array([_folded(seed)], np.int64)
         self._pose = np.zeros((1, 3))
         self._ticks = np.zeros(1, np.int64)
         self._begins = np.zeros(2, np.int64)
-        self._scene = _scene(world)
-        self._scratch = _scratch(world, self.camera, 0)
+        self._fixed, self._room = _fixed(world, self.camera, 0), 0
 
     def render(
         self, x: float, y: float, yaw: float, tick: int = 0, others: Numbers | None = None
@@ -114,26 +109,16 @@ class Renderer:
             others = _NOBODY
         else:
             others = _checked_others(others)
-            if len(others) > len(self._scratch.users):
-                self._scratch = _scratch(self.world, self.camera, 2 * len(others))
+            if len(others) > self._room:
+                self._room = 2 * len(others)
+                self._fixed = _fixed(self.world, self.camera, self._room)
         self._pose[0] = x, y, yaw
         _finite("pose", self._pose)
         _check_images(self.camera, 1, rgb[None], segmentation[None])
         self._ticks[0] = tick
         self._begins[1] = len(others)
-        pictures_into(
-            self._pose,
-            self._seeds,
-            self._ticks,
-            others,
-            self._begins,
-            self._look,
-            self._packed,
-            *self._scene,
-            *self._scratch,
-            rgb[None],
-            segmentation[None],
-        )
+        images = rgb[None], segmentation[None]
+        pictures_into(self._pose, self._seeds, self._ticks, others, self._begins, self._look, *self._fixed, *images)
 
 
 def render_batch(
@@ -185,24 +170,11 @@ def render_batch(
     if len(folded) != number or counted.shape != (number,):
         raise CameraError(f"seeds and ticks: give {number} of each, as many as poses")
     shown, begun, most = others_of_each(others, begins, number)
-    packed = camera.packed()
-
-    scene = _scene(world)
 
     def paint(part: slice) -> None:
-        pictures_into(
-            poses[part],
-            folded[part],
-            counted[part],
-            shown,
-            begun[part.start : part.stop + 1],
-            looks[part],
-            packed,
-            *scene,
-            *_scratch(world, camera, most),
-            rgb[part],
-            segmentation[part],
-        )
+        first, end = part.start, part.stop + 1
+        numbers = poses[part], folded[part], counted[part], shown, begun[first:end], looks[part]
+        pictures_into(*numbers, *_fixed(world, camera, most), rgb[part], segmentation[part])
 
     if threads == 1 or number < 2:
         paint(slice(0, number))

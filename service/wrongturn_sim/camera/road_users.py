@@ -12,32 +12,15 @@ from wrongturn_sim.camera.kernels import (
     floor,
     haze_at,
     kernel,
+    mix,
     noise,
     put_hazed,
     put_lit,
+    toned,
     triple,
     turned,
 )
-from wrongturn_sim.camera.solids import (
-    B2,
-    BOUND,
-    CAR,
-    COS,
-    G2,
-    HALF_X,
-    HALF_Y,
-    HEIGHT,
-    KIND,
-    R2,
-    SEED,
-    SIN,
-    WALKER,
-    B,
-    G,
-    R,
-    X,
-    Y,
-)
+from wrongturn_sim.camera.solids import BOUND, CAR, COS, HALF_X, HALF_Y, HEIGHT, KIND, R2, SEED, SIN, WALKER, R, X, Y
 from wrongturn_sim.camera.weathers import HORIZON, SKYLIGHT, SUN, SUNLIGHT, ZENITH
 
 _VEHICLE = int(SegmentationClass.VEHICLE)
@@ -116,9 +99,9 @@ def row_of_other(other: Any, row: Any) -> None:
     colour = int(other[USER_COLOUR])
     row[SEED] = colour & 0xFFFF
     row[KIND] = CAR if other[USER_KIND] < 0.5 else WALKER
-    row[R], row[G], row[B] = PAINTS[int(noise(colour, 3, 1) * 9.999)]
+    row[R], row[R + 1], row[R + 2] = PAINTS[int(noise(colour, 3, 1) * 9.999)]
     legs = 40.0 + 60.0 * noise(colour, 5, 2)
-    row[R2], row[G2], row[B2] = legs, legs, legs * 1.25
+    row[R2], row[R2 + 1], row[R2 + 2] = legs, legs, legs * 1.25
 
 
 @kernel
@@ -270,7 +253,7 @@ def body_colour(spot: Spot, body: Body, paint: Colour) -> Colour:
         elif abs(spot.x - 0.1 * body.half_x) < 0.025 or abs(abs(spot.x) - 0.42 * body.half_x) < 0.02:
             # Gaps around the doors.
             shade = 0.7
-    return paint[0] * shade, paint[1] * shade, paint[2] * shade
+    return toned(paint, shade)
 
 
 @kernel
@@ -296,25 +279,25 @@ def car(column: Column, x: float, y: float, row: Any) -> None:
         cabin = high > 0.0 and (t <= 0.0 or high < t)
         if cabin:
             t, face = high, high_face
-        red, green, blue = row[R], row[G], row[B]
+        paint = triple(row, R)
         facing = gloss = 0.0
         if t <= 0.0 or (face == BOTTOM and not cabin):
             t = wheel_at(x, y, eye, dx, dy, slope, body)
-            red = green = blue = 26.0
+            paint = 26.0, 26.0, 26.0
         else:
             facing = facing_of(face, cabin, sun_x, sun_y, look[SUN + 2])
             spot = Spot(face, x + t * dx, y + t * dy, eye + t * slope)
             if not cabin:
-                red, green, blue = body_colour(spot, body, (red, green, blue))
+                paint = body_colour(spot, body, paint)
                 gloss = 0.22 if face == TOP else 0.0
             else:
                 glass = glass_gloss(spot, body)
                 if glass > 0.0:
-                    red, green, blue, gloss = 24.0, 28.0, 33.0, glass
+                    paint, gloss = (24.0, 28.0, 33.0), glass
         if t >= column.depth[v] or t <= CLOSE:
             continue
         column.depth[v] = t
-        car_pixel(column, v, (red, green, blue), clamp(facing, 0.0, 1.0), gloss, haze)
+        car_pixel(column, v, paint, clamp(facing, 0.0, 1.0), gloss, haze)
 
 
 @kernel
@@ -326,10 +309,8 @@ def car_pixel(column: Column, v: int, paint: Colour, sun: float, gloss: float, h
     red = paint[0] * (0.9 * skylight[0] + sun * sunlight[0])
     green = paint[1] * (0.9 * skylight[1] + sun * sunlight[1])
     blue = paint[2] * (0.9 * skylight[2] + sun * sunlight[2])
-    red += (0.5 * (horizon[0] + zenith[0]) - red) * gloss
-    green += (0.5 * (horizon[1] + zenith[1]) - green) * gloss
-    blue += (0.5 * (horizon[2] + zenith[2]) - blue) * gloss
-    put_hazed(column, v, red, green, blue, haze, _VEHICLE)
+    sky = 0.5 * (horizon[0] + zenith[0]), 0.5 * (horizon[1] + zenith[1]), 0.5 * (horizon[2] + zenith[2])
+    put_hazed(column, v, mix((red, green, blue), sky, gloss), haze, _VEHICLE)
 
 
 @kernel
@@ -364,20 +345,17 @@ def walker(column: Column, row: Any) -> None:
             up = (y - 0.93) * height
             if up * up + aside * aside > 0.0145:
                 continue
-            red, green, blue = (70.0, 52.0, 40.0) if y > 0.945 else (206.0, 160.0, 132.0)
+            colour = (70.0, 52.0, 40.0) if y > 0.945 else (206.0, 160.0, 132.0)
         elif y > 0.48:
             if across > (0.55 if y > 0.83 else 0.98):
                 continue
-            shade = 0.8 if across > 0.68 else 1.0
-            red, green, blue = row[R] * shade, row[G] * shade, row[B] * shade
+            colour = toned(triple(row, R), 0.8 if across > 0.68 else 1.0)
             if across > 0.68 and y < 0.53:
-                red, green, blue = 206.0, 160.0, 132.0
+                colour = 206.0, 160.0, 132.0
         else:
             spread = stride * (0.48 - y) * 1.1
             if across < spread - 0.06 or across > spread + 0.46:
                 continue
-            red, green, blue = row[R2], row[G2], row[B2]
-            if y < 0.05:
-                red = green = blue = 30.0
+            colour = triple(row, R2) if y >= 0.05 else (30.0, 30.0, 30.0)
         column.depth[v] = t
-        put_lit(column, v, red, green, blue, sun, haze, _PEDESTRIAN)
+        put_lit(column, v, colour, sun, haze, _PEDESTRIAN)

@@ -2,8 +2,10 @@
 
 import functools
 import math
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
@@ -57,87 +59,17 @@ class WeatherLook:
     """Share of windows that are lit."""
 
 
-LOOKS: Final[Mapping[Weather, WeatherLook]] = MappingProxyType(
-    {
-        Weather.CLEAR_NOON: WeatherLook(
-            sun=NOON,
-            sunlight=(0.80, 0.76, 0.68),
-            skylight=(0.46, 0.50, 0.56),
-            zenith=(0.20, 0.42, 0.78),
-            horizon=(0.70, 0.82, 0.94),
-            haze=(0.72, 0.80, 0.88),
-            view=260.0,
-            clouds=0.36,
-        ),
-        Weather.WET_NOON: WeatherLook(
-            sun=NOON,
-            sunlight=(0.66, 0.64, 0.60),
-            skylight=(0.46, 0.49, 0.54),
-            zenith=(0.34, 0.48, 0.70),
-            horizon=(0.80, 0.86, 0.91),
-            haze=(0.76, 0.82, 0.87),
-            view=200.0,
-            wetness=0.75,
-            clouds=0.58,
-            cloud=(0.93, 0.94, 0.96),
-        ),
-        Weather.HARD_RAIN_NOON: WeatherLook(
-            sun=NOON,
-            sunlight=(0.05, 0.05, 0.05),
-            skylight=(0.46, 0.49, 0.52),
-            zenith=(0.40, 0.43, 0.47),
-            horizon=(0.56, 0.59, 0.62),
-            haze=(0.54, 0.57, 0.60),
-            view=62.0,
-            wetness=1.0,
-            clouds=0.95,
-            cloud=(0.47, 0.49, 0.52),
-            rain=1.0,
-            streak=9.0,
-        ),
-        Weather.CLEAR_SUNSET: WeatherLook(
-            sun=SUNSET,
-            sunlight=(1.00, 0.58, 0.26),
-            skylight=(0.40, 0.36, 0.42),
-            zenith=(0.26, 0.32, 0.56),
-            horizon=(0.98, 0.66, 0.42),
-            haze=(0.86, 0.62, 0.46),
-            view=190.0,
-            clouds=0.42,
-            cloud=(1.0, 0.62, 0.46),
-            glow=1.0,
-            lamps=0.16,
-        ),
-        Weather.WET_CLOUDY_NOON: WeatherLook(
-            sun=NOON,
-            sunlight=(0.10, 0.10, 0.10),
-            skylight=(0.62, 0.64, 0.66),
-            zenith=(0.60, 0.64, 0.68),
-            horizon=(0.78, 0.80, 0.82),
-            haze=(0.74, 0.76, 0.78),
-            view=150.0,
-            wetness=0.9,
-            clouds=0.9,
-            cloud=(0.72, 0.74, 0.76),
-        ),
-        Weather.SOFT_RAIN_SUNSET: WeatherLook(
-            sun=SUNSET,
-            sunlight=(0.22, 0.12, 0.06),
-            skylight=(0.36, 0.31, 0.33),
-            zenith=(0.36, 0.33, 0.40),
-            horizon=(0.76, 0.54, 0.44),
-            haze=(0.60, 0.45, 0.41),
-            view=95.0,
-            wetness=0.95,
-            clouds=0.8,
-            cloud=(0.52, 0.41, 0.42),
-            rain=0.45,
-            streak=5.0,
-            glow=0.45,
-            lamps=0.30,
-        ),
-    }
-)
+def _looks() -> Mapping[Weather, WeatherLook]:
+    tables = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+    looks = {}
+    for name, table in tables.items():
+        sun = {"noon": NOON, "sunset": SUNSET}[table.pop("sun")]
+        fields = {key: tuple(value) if isinstance(value, list) else value for key, value in table.items()}
+        looks[Weather(name)] = WeatherLook(sun, **fields)
+    return MappingProxyType(looks)
+
+
+LOOKS: Final = _looks()
 
 # Positions in the array that `look_of` returns and the kernels read. Plain integers, so that numba freezes them.
 SUN, SUNLIGHT, SKYLIGHT, ZENITH, HORIZON, HAZE_COLOUR = range(0, 18, 3)

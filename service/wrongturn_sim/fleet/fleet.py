@@ -148,7 +148,7 @@ class Fleet:
         if self._drive_on:
             over: NDArray[np.bool_] = self._egos.sub_steps >= self._drive_on
             return over
-        ended: NDArray[np.bool_] = self._egos.counts[:, decide.D_VERDICT] != 0
+        ended: NDArray[np.bool_] = self._judged("verdict") != 0
         return ended
 
     @property
@@ -156,8 +156,13 @@ class Fleet:
         """Whether each ego's time ran out, (n,)."""
         if self._drive_on:
             return self.ended
-        ran_out: NDArray[np.bool_] = self._egos.counts[:, decide.D_RAN_OUT] != 0
+        ran_out: NDArray[np.bool_] = self._judged("ran_out") != 0
         return ran_out
+
+    def _judged(self, name: str) -> NDArray[np.int64]:
+        """Return a field of the judges' states, (n,)."""
+        found: NDArray[np.int64] = self._egos.judged.view(decide.STATE)[name][:, 0]
+        return found
 
     @property
     def waits(self) -> NDArray[np.bool_]:
@@ -264,22 +269,19 @@ class Fleet:
 
     def outcome(self, i: int) -> Outcome | None:
         """Return the outcome of an ego's episode; None before there is a verdict."""
-        trial = self.trials[i]
-        if trial is None or not self._egos.counts[i, decide.D_VERDICT]:
+        trial, row = self.trials[i], self._egos.judged[i]
+        if trial is None or not self._judged("verdict")[i]:
             return None
-        standing, counts = self._egos.standing[i], self._egos.counts[i]
         geometry = self._tables.geometry(int(self._egos.approaches[i]))
         if isinstance(geometry, JourneyGeometry):
-            return conclude_journey(standing, counts, trial)
-        return conclude(standing[: decide.STANDING_FLOATS], counts, trial, geometry, THRESHOLDS)
+            return conclude_journey(row, trial)
+        return conclude(row, trial, geometry, THRESHOLDS)
 
     def outcome_fields(self, i: int) -> dict[str, Any]:
         """Return an ego's outcome as a dict for JSON, without fields that are None; empty before there is a verdict."""
         trial = self.trials[i]
-        if not self._egos.counts[i, decide.D_VERDICT]:
-            return {}
-        if trial is not None and trial.journey is not None:
-            return journey_fields(self._egos.standing[i], self._egos.counts[i], trial)
+        if trial is not None and trial.journey is not None and self._judged("verdict")[i]:
+            return journey_fields(self._egos.judged[i], trial)
         outcome = self.outcome(i)
         return {} if outcome is None else outcome.model_dump(mode="json", exclude_none=True)
 

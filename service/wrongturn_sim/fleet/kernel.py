@@ -9,18 +9,17 @@ from typing import NamedTuple
 
 from numba import njit
 
-from wrongturn_judge import decide, journey_kernels, kernels
-from wrongturn_judge.compiling import compiled_with
+from wrongturn_judge import decide, journey_kernels
+from wrongturn_judge.compiling import compiled
+from wrongturn_judge.decide import STATE
 from wrongturn_judge.kernels import Array
-from wrongturn_protocol import vehicle
-from wrongturn_sim import ego, guide, polyline, reward
+from wrongturn_sim import guide
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, advance
-from wrongturn_sim.fleet import drivers, ego_ahead, headway, meeting, others, settling, streets
+from wrongturn_sim.fleet import drivers, headway, meeting, others, settling
 from wrongturn_sim.fleet.others import CAR, TRAFFIC, WALKER, Ego, Others
 from wrongturn_sim.fleet.streets import Streets
 from wrongturn_sim.guide import LANE_FOLLOW, LEG, PROGRESS, net_of
 from wrongturn_sim.reward import score_below
-from wrongturn_sim.traffic import crowd, plan, slots
 
 REST, DRIVE, GUIDE, BEGIN = 0, 1, 2, 3
 """Work to do for an ego: nothing; one decision; find its first command; record its first row with that command."""
@@ -40,6 +39,8 @@ class Tables(NamedTuple):
     """:attr:`wrongturn_sim.roads.Roads.tables`"""
     exits: Array
     exits_mask: Array
+    heads: Array
+    """(geometries, words): a :data:`~wrongturn_judge.kernels.HEAD` for each geometry."""
     floats: Array
     ints: Array
     cells: Array
@@ -77,15 +78,14 @@ class Egos(NamedTuple):
     goals: Array
     """(n,) rows of ``Tables.ways``"""
     terms: Array
-    """(n, TERMS): what ends a journey"""
+    """(n, words): the TERMS that end a journey"""
     actions: Array
     """(n, 3): steer, throttle, brake, rounded to float32."""
     state: Array
     """(n, 5): as :data:`~wrongturn_sim.ego.State`."""
-    standing: Array
-    counts: Array
+    judged: Array
     history: Array
-    """State of the judge, as in ``decide.py``."""
+    """(n, words) and (n, rows, words): a STATE and MOMENTs of the judge, as in ``decide.py``."""
     draws: Array
     progress: Array
     """State of the route planner: (n, DRAWS), and a row of :data:`~wrongturn_sim.guide.PROGRESS` for each."""
@@ -155,7 +155,7 @@ def judge_row(tables: Tables, egos: Egos, i: int, command: int) -> bool:
         for k in range(5):
             egos.states[i, row, k] = egos.state[i, k]
     over = tables.drive_on > 0 and row >= tables.drive_on
-    if tables.drive_on > 0 and egos.counts[i, decide.D_VERDICT] != 0:
+    if tables.drive_on > 0 and egos.judged[i].view(STATE)[0].verdict != 0:
         return over
     users = egos.others.users[i, : egos.others.traffic[i].view(TRAFFIC)[0].seen]
     geometry = egos.approaches[i]
@@ -163,17 +163,16 @@ def judge_row(tables: Tables, egos: Egos, i: int, command: int) -> bool:
     floats = tables.floats[bases[geometry, 0] : bases[geometry + 1, 0]]
     ints = tables.ints[bases[geometry, 1] : bases[geometry + 1, 1]]
     cells = tables.cells[bases[geometry, 2] : bases[geometry + 1, 2]]
+    t, x, y, yaw, v = row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3]
     if egos.journeys[i]:
         found = journey_kernels.observe(
-            floats, ints, cells, tables.lanes, tables.numbers, users, egos.terms[i],
-            tables.rests[egos.goals[i]], egos.standing[i], egos.counts[i],
-            row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3],
+            tables.heads[geometry], floats, ints, cells, tables.lanes, tables.numbers, users, egos.terms[i],
+            tables.rests[egos.goals[i]], egos.judged[i], t, x, y, yaw, v,
         )  # fmt: skip
     else:
         found = decide.observe(
-            floats, ints, cells, tables.numbers, users, egos.standing[i], egos.counts[i], egos.history[i],
-            egos.routes[i], row / PER_SECOND, egos.state[i, 0], egos.state[i, 1], egos.state[i, 2], egos.state[i, 3],
-            command,
+            tables.heads[geometry], floats, ints, cells, tables.numbers, users, egos.judged[i], egos.history[i],
+            egos.routes[i], t, x, y, yaw, v, command,
         )  # fmt: skip
     return over if tables.drive_on > 0 else bool(found != 0)
 
@@ -233,7 +232,7 @@ def drive(tables: Tables, egos: Egos, i: int) -> None:
         if beside:
             if ego.traffic[0].permitted < headway.WAITING:
                 # Who waits for others does not stand: training ends no drive for that.
-                egos.standing[i, journey_kernels.J_SLOW_SINCE] = math.nan
+                egos.judged[i].view(STATE)[0].slow_since = math.nan
             drivers.move(ego, SUB_STEP)
             others.look(ego)
             note_meeting(egos, i, sub_step)
@@ -299,11 +298,7 @@ def keep_commands(egos: Egos, i: int) -> None:
     egos.commands[i, decision, 0], egos.commands[i, decision, 1] = egos.delivered[i], egos.guided[i, 0]
 
 
-@compiled_with(
-    vehicle, ego, polyline, guide, kernels, decide, journey_kernels, reward,
-    drivers, ego_ahead, headway, meeting, others, settling, streets, crowd, plan, slots,
-    nogil=True,
-)  # fmt: skip
+@compiled(nogil=True)
 def run(tables: Tables, egos: Egos, observations: Observations, first: int, end: int) -> None:
     """Do the work of the egos from ``first`` to before ``end`` in the order."""
     for k in range(first, end):
@@ -314,7 +309,7 @@ def run(tables: Tables, egos: Egos, observations: Observations, first: int, end:
             keep_commands(egos, i)
             observe(tables, egos, observations, i)
         elif todo == GUIDE:
-            journey_kernels.begin(egos.standing[i], egos.counts[i])
+            decide.begin(egos.judged[i])
             egos.sub_steps[i] = 0
             egos.rewards[i] = 0.0
             update_command(tables, egos, i)

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from wrongturn_judge import JourneyGeometry, JudgeGeometry, decide
 from wrongturn_judge.compiling import words
-from wrongturn_judge.journey_kernels import JOURNEY_FLOATS, JOURNEY_INTS, TERMS
-from wrongturn_judge.judges import journey_numbers
+from wrongturn_judge.journey_kernels import TERMS
+from wrongturn_judge.kernels import HEAD
+from wrongturn_judge.packing import numbers_of
 from wrongturn_networks import Town
 from wrongturn_protocol import Trial
 from wrongturn_sim import guide
@@ -74,6 +75,7 @@ class FleetTables:
             *roads.tables,
             exits=roads.exits,
             exits_mask=roads.exits_mask,
+            heads=np.array([one.head for one in places]).reshape(-1, words(HEAD)),
             floats=joined([one.floats for one in places], np.float64),
             ints=joined([one.ints for one in places], np.int64),
             cells=joined([one.cells for one in places], np.uint8),
@@ -81,7 +83,7 @@ class FleetTables:
             lanes=joined([one.lanes for one in self._geometries if isinstance(one, JourneyGeometry)], np.int16),
             ways=np.array([way_to(self._town, goal) for goal in self._goals]),
             rests=np.array([self._rest(goal) for goal in self._goals]),
-            numbers=journey_numbers(),
+            numbers=numbers_of(),
             streets=streets_of(self._town) if self._traffic else no_streets(),
             drive_on=self._drive_on,
         )
@@ -102,12 +104,11 @@ def egos_for(count: int) -> kernel.Egos:
         routes=np.zeros(count, np.int64),
         journeys=np.zeros(count, np.bool_),
         goals=np.zeros(count, np.int64),
-        terms=np.zeros((count, TERMS)),
+        terms=np.zeros((count, words(TERMS))),
         actions=np.zeros((count, 3)),
         state=np.zeros((count, 5)),
-        standing=np.zeros((count, JOURNEY_FLOATS)),
-        counts=np.zeros((count, JOURNEY_INTS), np.int64),
-        history=np.zeros((count, 0, decide.HISTORY)),
+        judged=np.zeros((count, words(decide.STATE))),
+        history=np.zeros((count, 0, words(decide.MOMENT))),
         draws=np.zeros((count, guide.DRAWS), np.uint32),
         progress=np.zeros((count, words(guide.PROGRESS))),
         guided=np.zeros((count, 2), np.int64),

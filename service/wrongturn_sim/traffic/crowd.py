@@ -37,12 +37,7 @@ class _Body(NamedTuple):
 
 
 class Crowd:
-    """The other road users of one episode, in SUMO.
-
-    Args:
-        sumo: the libsumo module, with the town's net newly loaded.
-        plan: the road users to insert.
-    """
+    """The other road users of one episode, in SUMO, which has newly loaded the town's net."""
 
     __slots__ = ("_bodies", "_later", "_plan", "_sumo")
 

@@ -96,12 +96,7 @@ class TrafficPlan:
 
 
 def plan_traffic(town: Town, trial: Trial, start: Pose) -> TrafficPlan | None:
-    """Draw the other road users of a trial; None if it has none.
-
-    Args:
-        town: town of the trial.
-        trial: its seed, route and numbers of vehicles and pedestrians are used.
-        start: start of the ego; the place around it stays free.
+    """Draw the other road users of a trial; None if it has none. The place around the ego's start stays free.
 
     Raises:
         TrafficTooDenseError: the town has no room for so many.

@@ -21,15 +21,9 @@ Line = tuple[str, Colour]
 def write(
     image: Image, text: str, place: tuple[float, float], height: float, colour: Colour, *, halo: bool = False
 ) -> None:
-    """Write a line of text.
+    """Write a line of ASCII text with its lower left corner at a place, in pixels from the left and from above.
 
-    Args:
-        image: the picture.
-        text: the text, in ASCII.
-        place: the text's lower left corner, pixels from the left and from above.
-        height: of the capitals, pixels.
-        colour: of the text.
-        halo: whether to put a light edge round the letters.
+    ``height`` is that of the capitals, pixels; ``halo`` puts a light edge round the letters.
     """
     at, scale = (round(place[0]), round(place[1])), height / _HEIGHT
     thin = max(1, round(height / 9))

@@ -53,14 +53,7 @@ def fastest_of(rows: list[Row]) -> float:
 
 
 def whole_window(town: Town, rows: list[Row], approach: str | None, size: int) -> Window:
-    """Return a window with the whole way, and with the trial's junction if the way is short.
-
-    Args:
-        town: the town.
-        rows: the trajectory.
-        approach: id of the trial's approach; None shows the way alone.
-        size: the window's side, pixels.
-    """
+    """Return a window, ``size`` pixels wide, with the whole way and, if that is short, with the approach's junction."""
     places = np.array([(row.x, row.y) for row in rows])
     low, high = places.min(axis=0), places.max(axis=0)
     if approach is not None and (high - low).max() <= MOST:

@@ -23,15 +23,10 @@ def show(
     picture: Path | None = None,
     size: int | None = None,
 ) -> tuple[str, ...]:
-    """Draw an episode into files, and return lines that say what was made.
+    """Draw an episode, given by its trajectory's canonical JSON, into files; return lines that say what was made.
 
-    Args:
-        trajectory: The trajectory's canonical JSON.
-        outcome: The outcome, if it is known.
-        view: What the film shows.
-        video: File of the film, ``.mp4`` or ``.webp``; None for no film.
-        picture: File of the picture, ``.png``; None for no picture.
-        size: Side of the view from above, pixels; the default is 720 for films and 1000 for pictures.
+    ``view`` is what the film (``.mp4`` or ``.webp``) shows. ``size`` is the side of the view from above in pixels, 720
+    for films and 1000 for pictures (``.png``) by default.
 
     Raises:
         TrajectoryError: The bytes are not a trajectory.
@@ -56,11 +51,7 @@ def show(
 
 
 def plot(trajectory: bytes, outcome: Outcome | None) -> "Figure":
-    """Return a matplotlib figure of an episode.
-
-    Args:
-        trajectory: The trajectory's canonical JSON.
-        outcome: The outcome, if it is known.
+    """Return a matplotlib figure of an episode, given by its trajectory's canonical JSON.
 
     Raises:
         TrajectoryError: The bytes are not a trajectory.

@@ -7,7 +7,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from wrongturn_judge.trajectory import Row
+from wrongturn_judge.trajectory import Row, Trajectory
 from wrongturn_networks import Town
 from wrongturn_protocol import Outcome, Safety, Trial, View
 from wrongturn_sim.ego import SUB_STEP
@@ -71,13 +71,9 @@ class Moment:
 class Views:
     """Draws the moments of one episode.
 
-    Args:
-        town: the trial's town.
-        trial: the episode's trial.
-        rows: the trajectory; it may grow.
-        size: side of the view from above, pixels.
-        still: whether the window shows the whole way. If not, or if that is long, it follows the car.
-        first: number of the first row whose place is shown.
+    The rows of the trajectory may grow; ``first`` is the number of the first one whose place is shown. ``size`` is the
+    side of the view from above, pixels. A ``still`` window shows the whole way, unless that is long; else it follows
+    the car.
 
     Raises:
         ViewError: The size is too small or too large.
@@ -182,6 +178,29 @@ class Views:
         write(image, f"speed, 0 to {fastest:.0f} m/s", (left, up - 0.7 * letter), 0.75 * letter, colours.FAINT)
         write(image, f"0 to {last:.1f} s", (left, low + 1.4 * letter), 0.75 * letter, colours.FAINT)
         return image
+
+
+def draw_picture(town: Town, trajectory: Trajectory, outcome: Outcome | None, size: int) -> Image:
+    """Return a whole episode from above, RGB uint8 (size, size, 3).
+
+    It shows the car's way and footprints, coloured by speed, the commands where they began, the other road users at the
+    end, and the verdict.
+
+    Raises:
+        ViewError: The size is too small or too large.
+    """
+    rows = trajectory.rows
+    window = scene.whole_window(town, rows, trajectory.trial.approach, checked_size(size))
+    image, fastest = draw_ground(town, window), scene.fastest_of(rows)
+    scene.draw_footprints(image, window, rows, fastest)
+    scene.draw_trail(image, window, rows, fastest)
+    scene.draw_road_users(image, window, rows[-1].road_users)
+    scene.draw_car(image, window, rows[-1])
+    scene.draw_commands(image, window, rows)
+    if outcome is not None:
+        scene.draw_verdict(image, window, rows[-1], outcome)
+    scene.draw_scales(image, window, fastest)
+    return image
 
 
 def resized(image: Image, width: int, height: int) -> Image:

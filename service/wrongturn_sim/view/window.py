@@ -22,19 +22,15 @@ _SHIFT: Final = 4
 
 @dataclass(frozen=True)
 class Window:
-    """A square of a town, north up.
-
-    Args:
-        x: the middle's place, metres.
-        y: the middle's place, metres.
-        extent: the side, metres.
-        size: the side, pixels.
-    """
+    """A square of a town, north up."""
 
     x: float
     y: float
+    """The middle's place, metres."""
     extent: float
+    """The side, metres."""
     size: int
+    """The side, pixels."""
 
     @cached_property
     def scale(self) -> float:
