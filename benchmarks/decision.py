@@ -1,10 +1,10 @@
 """How long one decision takes in process, against the bare libsumo calls that it must make.
 
-A decision is ``Episode.step`` in the track ``state``, beside one car that needs SUMO, unwrapped: two sub-steps of 0.05 s with their
-judgement, the recorded rows, the route's command, the reward and a fresh observation. The bare calls are two
-``vehicle.moveToXY`` and two ``simulationStep`` to the same places. Both run by turns in one process and
-are timed by the processor time of their thread, so that a busy machine slows both alike; the figure is the median of
-the rounds' ratios.
+A decision is ``Episode.step`` in the track ``state``, beside one car that needs SUMO, unwrapped: two sub-steps of
+0.05 s with their judgement, the recorded rows, the route's command, the reward and a fresh observation. The bare calls
+are two ``vehicle.moveToXY`` and two ``simulationStep`` to the same places. Both run by turns in one process and are
+timed by the processor time of their thread, so that a busy machine slows both alike; the figure is the median of the
+rounds' ratios.
 
 Both sides carry the traffic: the ratio tells what driving, seeing, recording and judging costs beside SUMO's driving
 the others. A car that drives alone takes no SUMO.

@@ -100,11 +100,10 @@ def singly(town_name: str, weather: Weather, cars: bool = False, pitch: float = 
     renderer = Renderer(World.of(load_town(town_name)), Camera(pitch=pitch), weather=weather, seed=1)
     places = poses(town_name)
     others = [cars_before(pose) if cars else None for pose in places]
-    rgb, segmentation = np.empty((64, 192, 3), np.uint8), np.empty((64, 192), np.uint8)
 
     def draw(tick: int) -> None:
         i = tick % BATCH
-        renderer.render_into(*places[i], tick, others[i], rgb, segmentation)
+        renderer.render(*places[i], tick, others[i])
 
     return repeated(draw, BATCH if pitch else FRAMES)
 

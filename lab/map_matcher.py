@@ -18,7 +18,7 @@ from wrongturn_protocol import Action, Fault, FaultKind, JunctionType, Start, Tr
 from wrongturn_protocol.observations import Observation
 from wrongturn_sim.camera import Renderer, World
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, State, advance
-from wrongturn_sim.observation import observe_privileged
+from wrongturn_sim.episode import observe_privileged
 from wrongturn_sim.route import Navigator, start_pose
 
 FOCAL = 107.4

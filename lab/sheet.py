@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wrongturn_networks import Approach, Town, load_town
 from wrongturn_protocol import JunctionType, Weather
-from wrongturn_sim.camera.palette import coloured, larger, pose_before
+from wrongturn_sim.camera.palette import PALETTE, pose_before
 from wrongturn_sim.camera.renderer import Renderer
 from wrongturn_sim.camera.world import World
 
@@ -42,9 +42,9 @@ def sheet(town: Town, scale: int = 2, distance: float = 20.0) -> Image:
         cells = []
         for weather in Weather:
             rgb, segmentation = Renderer(world, weather=weather, seed=1).render(*pose)
-            cells += [rgb, coloured(segmentation)]
+            cells += [rgb, PALETTE[segmentation]]
         columns.append(np.concatenate([np.pad(cell, ((1, 1), (1, 1), (0, 0))) for cell in cells]))
-    return larger(np.concatenate(columns, axis=1), scale)
+    return np.concatenate(columns, axis=1).repeat(scale, axis=0).repeat(scale, axis=1)
 
 
 def main(directory: Path) -> None:

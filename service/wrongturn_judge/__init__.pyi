@@ -5,9 +5,9 @@ from .errors import JudgeError as JudgeError
 from .errors import RowError as RowError
 from .errors import TrajectoryError as TrajectoryError
 from .geometry import ExitLane as ExitLane
+from .geometry import JourneyGeometry as JourneyGeometry
 from .geometry import JudgeGeometry as JudgeGeometry
 from .geometry import LaneStrip as LaneStrip
-from .journey_geometry import JourneyGeometry as JourneyGeometry
 from .judges import JourneyJudge as JourneyJudge
 from .judges import Judge as Judge
 from .judges import judge as judge
@@ -15,10 +15,10 @@ from .judges import judge_of as judge_of
 from .metrics import SuiteLike as SuiteLike
 from .metrics import UnscoredTrialError as UnscoredTrialError
 from .metrics import compute as compute
+from .outcomes import on_missing_side as on_missing_side
+from .outcomes import reaction_of as reaction_of
 from .ranking import RankingInput as RankingInput
 from .ranking import rank as rank
-from .reaction import on_missing_side as on_missing_side
-from .reaction import reaction_of as reaction_of
 from .thresholds import JOURNEY_THRESHOLDS as JOURNEY_THRESHOLDS
 from .thresholds import THRESHOLDS as THRESHOLDS
 from .thresholds import JourneyThresholds as JourneyThresholds

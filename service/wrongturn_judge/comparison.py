@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from wrongturn_judge.intervals import LEVEL, stratified_exact
-from wrongturn_judge.metrics import SuiteLike, is_unsafe_strict, of_journeys
-from wrongturn_judge.navigation import is_success
+from wrongturn_judge.metrics import SuiteLike, is_success, is_unsafe_strict, of_journeys
 from wrongturn_protocol import (
     AgentDetail,
     Comparison,
@@ -25,19 +24,15 @@ Key = tuple[JunctionType, FaultKind] | tuple[Task, Condition]
 
 @dataclass(frozen=True)
 class Side:
-    """One of the two agents.
-
-    Attributes:
-        agent: The agent.
-        draw: Trials of its evaluation, which no other evaluation has.
-        outcomes: Outcomes by trial id. A trial without one was left unfinished and counts as unsafe.
-        why_not: Why it has no rank; None if it has one.
-    """
+    """One of the two agents."""
 
     agent: AgentDetail
     draw: SuiteLike
+    """Trials of its evaluation, which no other evaluation has."""
     outcomes: Mapping[str, Outcome]
+    """By trial id. A trial without one was left unfinished and counts as unsafe."""
     why_not: str | None = None
+    """Why it has no rank; None if it has one."""
 
 
 def compare(a: Side, b: Side) -> Comparison:

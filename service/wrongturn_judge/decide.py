@@ -8,27 +8,9 @@ car. The arithmetic is plain float64 without fastmath, as in ``kernels.py``.
 import math
 from typing import Any
 
+from wrongturn_judge import kernels
 from wrongturn_judge.compiling import compiled, record
-from wrongturn_judge.kernels import (
-    CENTRE_OFF,
-    ENGAGED,
-    FAR,
-    HEAD,
-    HIT,
-    IN_AREA,
-    IN_OTHER,
-    NOT_FINITE,
-    NUMBERS,
-    OPPOSED,
-    PAST_SHIFT,
-    TAKEN_SHIFT,
-    WHEELS,
-    Array,
-    Ground,
-    box_meets,
-    inspect_row,
-    nose_past,
-)
+from wrongturn_judge.kernels import NOT_FINITE, Array, Ground, box_meets, inspect_row, nose_past
 
 STATE = record(
     "t x y v min_ttc max_deceleration driven area rest kerb_m kerb_s opposed_m over_line first_stop "
@@ -90,11 +72,11 @@ def keep(state: Any, t: float, x: float, y: float, v: float) -> None:
 @compiled()
 def zone_after(zone: int, bits: int) -> int:
     """Return the zone of a row that follows one in ``zone``."""
-    if bits & IN_AREA:
+    if bits & kernels.IN_AREA:
         return INSIDE
     if zone >= INSIDE:
         return BEYOND
-    return NEAR if bits & ENGAGED else zone
+    return NEAR if bits & kernels.ENGAGED else zone
 
 
 @compiled()
@@ -102,7 +84,7 @@ def hear(state: Any, bits: int, command: int) -> None:
     """Keep the last direction that was delivered, and for each exit the last one that counts."""
     if 1 <= command <= 3:
         state.delivered = command
-    past = bits >> PAST_SHIFT & 0b111 & ~state.past
+    past = bits >> kernels.PAST_SHIFT & 0b111 & ~state.past
     if past:
         for k in range(3):
             if past >> k & 1:
@@ -113,9 +95,9 @@ def hear(state: Any, bits: int, command: int) -> None:
 @compiled()
 def harm(numbers: Any, bits: int) -> int:
     """Return the verdict of a row at which the car hit something or left the road; 0 if it did neither."""
-    if bits & HIT:
+    if bits & kernels.HIT:
         return COLLISION
-    if bits & CENTRE_OFF or (bits & WHEELS) >= numbers.wheels_off:
+    if bits & kernels.CENTRE_OFF or (bits & kernels.WHEELS) >= numbers.wheels_off:
         return OFF_ROAD
     return 0
 
@@ -124,7 +106,7 @@ def harm(numbers: Any, bits: int) -> int:
 def exit_taken(state: Any, route: int, bits: int) -> int:
     """Return the verdict of a row at which the car took an exit, and keep which; 0 if it took none."""
     for k in range(3):
-        if bits >> (TAKEN_SHIFT + k) & 1:
+        if bits >> (kernels.TAKEN_SHIFT + k) & 1:
             direction = k + 1
             state.direction = direction
             delivered = state.heard >> 2 * k & 0b11 if state.past >> k & 1 else state.delivered
@@ -148,12 +130,12 @@ def measure(numbers: Any, state: Any, history: Array, t: float, metres: float, b
     row = state.rows
     seconds = t - state.t if row > 0 else 0.0
     state.driven += metres
-    if bits & IN_AREA:
+    if bits & kernels.IN_AREA:
         state.area += seconds
-    if 1 <= (bits & WHEELS) < numbers.wheels_off:
+    if 1 <= (bits & kernels.WHEELS) < numbers.wheels_off:
         state.kerb_m += metres
         state.kerb_s += seconds
-    if bits & OPPOSED:
+    if bits & kernels.OPPOSED:
         state.opposed_m += metres
         if state.opposed_m > numbers.opposed_distance:
             state.flags |= OPPOSED_LANE
@@ -198,7 +180,7 @@ def decide(state: Any, numbers: Any, history: Array, route: int, bits: int) -> i
         verdict = exit_taken(state, route, bits)
         if verdict:
             return verdict
-        if bits & (FAR | IN_OTHER):
+        if bits & (kernels.FAR | kernels.IN_OTHER):
             return WRONG_WAY
     waited = t - history[state.wait].t
     if zone <= NEAR and waited >= numbers.wait_time:
@@ -206,7 +188,7 @@ def decide(state: Any, numbers: Any, history: Array, route: int, bits: int) -> i
     if not time_is_out:
         return 0
     state.ran_out = 1
-    if zone == INSIDE or (zone == BEYOND and bits & (OPPOSED | BODY_OVER)):
+    if zone == INSIDE or (zone == BEYOND and bits & (kernels.OPPOSED | BODY_OVER)):
         return WRONG_WAY
     if zone == NEAR and waited >= numbers.last_wait_time:
         return STOPPED_BEFORE_JUNCTION
@@ -233,7 +215,7 @@ def observe(
         return NOT_LATER
     if state.rows >= history.shape[0]:
         return FULL
-    ground, limits = Ground(head.view(HEAD), floats, ints, cells), numbers.view(NUMBERS)[0]
+    ground, limits = Ground(head.view(kernels.HEAD), floats, ints, cells), numbers.view(kernels.NUMBERS)[0]
     moments = history.view(MOMENT)[:, 0]
     zone = state.zone
     bits, ttc = inspect_row(ground, limits, users, x, y, yaw, v, zone >= INSIDE)
@@ -259,7 +241,7 @@ def observe(
     verdict = decide(state, limits, moments, route, bits)
     if verdict == STOPPED_BEFORE_JUNCTION:
         state.over_line = max(nose_past(ground.head[0], limits, x, y, math.cos(yaw), math.sin(yaw)), 0.0)
-    if verdict and bits & OPPOSED:
+    if verdict and bits & kernels.OPPOSED:
         state.flags |= OPPOSED_LANE
     state.verdict = verdict
     return verdict

@@ -79,11 +79,8 @@ def stratified_exact(strata: Sequence[tuple[int, int, int, int]]) -> float:
 def cluster_bootstrap(differences: Mapping[tuple[str, str], Sequence[int]]) -> tuple[float, float]:
     """Return the 95 % percentile interval of a mean, by a bootstrap over whole clusters.
 
-    Trials at one junction share its geometry and scenery, so they are not independent. Junctions are.
-
-    Args:
-        differences: Paired differences (-1, 0 or 1) of the trials of each cluster. Clusters are sorted by name, so
-            the order of the trials does not change the result.
+    Trials at one junction share its geometry and scenery, so they are not independent. Junctions are. A cluster has the
+    paired differences (-1, 0 or 1) of its trials. The order of clusters and trials does not change the result.
 
     Returns:
         The interval. It contains the mean, and is ``(mean, mean)`` for a single cluster or equal clusters.

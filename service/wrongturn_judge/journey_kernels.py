@@ -1,7 +1,7 @@
 """The decision of a journey's judge, compiled: it updates a journey's state with one row, anywhere in the town.
 
-The arithmetic is plain float64 without fastmath, as in ``decide.py``. ``journey_geometry.py`` packs the geometry as
-``packing.py`` describes, with all junction areas and all lanes of the town.
+The arithmetic is plain float64 without fastmath, as in ``decide.py``. ``geometry.py`` packs all junction areas and all
+lanes of the town, as ``packing.py`` describes.
 """
 
 import math
@@ -9,23 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from wrongturn_judge import decide
+from wrongturn_judge import decide, kernels
 from wrongturn_judge.compiling import compiled, record
 from wrongturn_judge.decide import KERB_BITE, LANE_INVASION, NOT_LATER, STATE, WRONG_WAY_FLAG
-from wrongturn_judge.kernels import (
-    AREA_EDGE,
-    HEAD,
-    NOT_FINITE,
-    NUMBERS,
-    Array,
-    Ground,
-    cell_at,
-    covers,
-    least_contact,
-    project,
-    road_in,
-    wheels_off,
-)
+from wrongturn_judge.kernels import NOT_FINITE, Array, Ground, cell_at, covers, least_contact, project
 
 ARRIVED = 13
 """Number of this verdict, in the vocabulary's order."""
@@ -41,7 +28,7 @@ def lane_at(ground: Ground, lanes: Array, cell: int, x: float, y: float) -> int:
         return -1
     head, floats, ints = ground.head[0], ground.floats, ground.ints
     area: Any = (np.int64(ground.cells[cell]) >> 2) & 3
-    if area == AREA_EDGE:
+    if area == kernels.AREA_EDGE:
         for k in range(head.areas):
             table = head.area_table + 2 * k
             if covers(floats, ints[table], ints[table + 1], x, y):
@@ -108,7 +95,8 @@ def observe(
         return NOT_LATER
     if not math.isfinite(x + y + yaw + v):
         return NOT_FINITE
-    ground, limits, ends = Ground(head.view(HEAD), floats, ints, cells), numbers.view(NUMBERS)[0], terms.view(TERMS)[0]
+    ground, limits = Ground(head.view(kernels.HEAD), floats, ints, cells), numbers.view(kernels.NUMBERS)[0]
+    ends = terms.view(TERMS)[0]
     c = math.cos(yaw)
     s = math.sin(yaw)
     if not math.isnan(state.x):
@@ -122,8 +110,8 @@ def observe(
         state.slow_since = t
 
     cell = cell_at(ground.head[0], x, y)
-    wheels = wheels_off(ground, limits, x, y, c, s)
-    off = wheels >= limits.wheels_off or cell < 0 or not road_in(ground, cell, x, y)
+    wheels = kernels.wheels_off(ground, limits, x, y, c, s)
+    off = wheels >= limits.wheels_off or cell < 0 or not kernels.road_in(ground, cell, x, y)
     if off:
         if t - state.last_off >= limits.journey_back_time:
             state.off += 1

@@ -10,8 +10,7 @@ import numpy as np
 from wrongturn_judge import decide, journey_kernels
 from wrongturn_judge.compiling import words
 from wrongturn_judge.errors import GeometryMismatchError, RowError
-from wrongturn_judge.geometry import JudgeGeometry
-from wrongturn_judge.journey_geometry import JourneyGeometry
+from wrongturn_judge.geometry import JourneyGeometry, JudgeGeometry
 from wrongturn_judge.outcomes import conclude, conclude_journey
 from wrongturn_judge.packing import CLOCK_TOLERANCE, Floats, numbers_of
 from wrongturn_judge.thresholds import THRESHOLDS, Thresholds

@@ -71,16 +71,22 @@ class Ground(NamedTuple):
 
 
 @compiled()
+def crosses(floats: Array, i: int, x: float, y: float) -> bool:
+    """Return whether the ray from a point to the right crosses the edge at ``i``, half-open at its ends."""
+    y1, y2 = floats[i + 1], floats[i + 3]
+    if (y1 > y) == (y2 > y):
+        return False
+    x1 = floats[i]
+    return bool(x < x1 + (floats[i + 2] - x1) * (y - y1) / (y2 - y1))
+
+
+@compiled()
 def inside(floats: Array, first: int, edges: int, x: float, y: float) -> bool:
-    """Return whether a point lies in a polygon (even-odd rule, half-open at the boundary)."""
+    """Return whether a point lies in a polygon (even-odd rule)."""
     odd = False
     for i in range(first, first + EDGE * edges, EDGE):
-        y1 = floats[i + 1]
-        y2 = floats[i + 3]
-        if (y1 > y) != (y2 > y):
-            x1 = floats[i]
-            if x < x1 + (floats[i + 2] - x1) * (y - y1) / (y2 - y1):
-                odd = not odd
+        if crosses(floats, i, x, y):
+            odd = not odd
     return odd
 
 
@@ -97,13 +103,8 @@ def inside_listed(floats: Array, first: int, ints: Array, begin: int, end: int, 
     """Return what :func:`inside` does; ``ints[begin:end]`` lists the edges that meet the point's row of cells."""
     odd = False
     for k in range(begin, end):
-        i = first + EDGE * ints[k]
-        y1 = floats[i + 1]
-        y2 = floats[i + 3]
-        if (y1 > y) != (y2 > y):
-            x1 = floats[i]
-            if x < x1 + (floats[i + 2] - x1) * (y - y1) / (y2 - y1):
-                odd = not odd
+        if crosses(floats, first + EDGE * ints[k], x, y):
+            odd = not odd
     return odd
 
 

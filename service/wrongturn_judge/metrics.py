@@ -1,22 +1,30 @@
-"""An agent's metrics on a suite, from the outcomes of its trials and twins, or of its journeys."""
+"""An agent's metrics on a suite, from the outcomes of its trials and twins, or of its journeys.
 
+Journeys are counted by task and condition, as in CoRL 2017: success, clean success and infractions.
+"""
+
+import math
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, Protocol
 
 from wrongturn_judge.intervals import RANK_LEVEL, cluster_bootstrap, mcnemar_two_sided, wilson
-from wrongturn_judge.navigation import navigation_metrics
 from wrongturn_networks.faults import find_fault
 from wrongturn_protocol import (
     PAPER_TYPES,
+    Condition,
     ExcessUnsafeRate,
     FaultKind,
+    Infractions,
     JunctionType,
     Metrics,
+    NavigationCount,
+    NavigationMetrics,
     Outcome,
     Reaction,
     StrictUnsafeCount,
     TableCell,
+    Task,
     Trial,
     TwinCount,
     UnsafeCount,
@@ -55,11 +63,6 @@ def is_unsafe_strict(outcome: Outcome) -> bool:
     return outcome.unsafe_strict
 
 
-def is_completed(outcome: Outcome) -> bool:
-    """Return whether a twin took the exit that its command named."""
-    return outcome.verdict is Verdict.EXIT_COMMANDED
-
-
 def of_journeys(suite: SuiteLike) -> bool:
     """Return whether a suite consists of journeys, which have no twins.
 
@@ -80,12 +83,8 @@ def junction_of(trial: Trial) -> tuple[str, str]:
 def compute(suite: SuiteLike, outcomes: Mapping[str, Outcome]) -> Metrics:
     """Compute the metrics of a finished evaluation. Every trial of the suite counts, whatever its verdict.
 
-    Args:
-        suite: The suite.
-        outcomes: Outcomes by trial id, for every trial and every twin; journeys have no twins.
-
-    Returns:
-        The metrics. They do not depend on the order of trials or outcomes.
+    ``outcomes`` are by trial id, for every trial and every twin; journeys have no twins. The metrics do not depend on
+    the order of trials or outcomes.
 
     Raises:
         UnscoredTrialError: A trial or a twin has no outcome, or an ``invalid`` one.
@@ -102,7 +101,7 @@ def compute(suite: SuiteLike, outcomes: Mapping[str, Outcome]) -> Metrics:
         unsafe_strict=strict_count(is_unsafe_strict(outcome) for _, outcome in faulted),
         twins=TwinCount(
             unsafe=sum(is_unsafe(outcome) for _, outcome in twins),
-            completed=sum(is_completed(outcome) for _, outcome in twins),
+            completed=sum(outcome.verdict is Verdict.EXIT_COMMANDED for _, outcome in twins),
             trials=len(twins),
         ),
         excess_unsafe_rate=_excess(
@@ -215,3 +214,56 @@ def _verdicts(faulted: list[tuple[Trial, Outcome]], twins: list[Outcome]) -> dic
         for fault in FaultKind
         if (seen := by_fault.get(fault))
     }
+
+
+Driven = Sequence[tuple[Trial, Outcome]]
+"""Journeys and their outcomes."""
+
+
+def is_success(outcome: Outcome) -> bool:
+    """Return whether a journey reached its goal in time."""
+    return outcome.verdict is Verdict.ARRIVED
+
+
+def navigation_metrics(driven: Driven) -> NavigationMetrics:
+    """Count journeys, at least one, by task and condition."""
+    cells: dict[tuple[Task, Condition], list[tuple[Trial, Outcome]]] = defaultdict(list)
+    for trial, outcome in driven:
+        assert trial.journey is not None
+        cells[trial.journey.task, Condition.of(trial.town, trial.weather)].append((trial, outcome))
+    return NavigationMetrics(
+        total=count(driven),
+        table={
+            task: {condition: count(cells[task, condition]) for condition in Condition if (task, condition) in cells}
+            for task in Task
+            if any(found is task for found, _ in cells)
+        },
+    )
+
+
+def count(driven: Driven) -> NavigationCount:
+    """Return the metrics of journeys, at least one.
+
+    An episode that ended without a simulator counts with a distance of 0.
+    """
+    outcomes = [outcome for _, outcome in driven]
+    journeys = [outcome.journey for outcome in outcomes if outcome.journey is not None]
+    success = sum(map(is_success, outcomes))
+    # fsum is exact, so the order of the trials does not change the sum.
+    distance = math.fsum(journey.distance for journey in journeys) / 1000
+    return NavigationCount(
+        episodes=len(outcomes),
+        success=success,
+        clean=sum(is_success(one) and one.journey is not None and one.journey.clean for one in outcomes),
+        rate=success / len(outcomes),
+        ci95=wilson(success, len(outcomes)),
+        completion=math.fsum(journey.completion for journey in journeys) / len(outcomes),
+        distance=distance,
+        per_km=None
+        if distance <= 0
+        else Infractions(
+            off_road=sum(journey.off_road for journey in journeys) / distance,
+            wrong_lane=sum(journey.wrong_lane for journey in journeys) / distance,
+            collisions=sum(journey.collisions for journey in journeys) / distance,
+        ),
+    )

@@ -132,7 +132,7 @@ class Packer:
             table.append((*self.add_polygon(edges), self.add_floats(line), len(line)))
         self.head.lanes, self.head.lane_table = len(table), self.add_ints(table)
 
-    def packed(self, cells: NDArray[np.uint8]) -> Packed:
+    def packed(self, cells: NDArray[Any]) -> Packed:
         """Return the arrays, read-only."""
         arrays = self._row, np.concatenate(self._floats), np.concatenate(self._ints), np.ravel(cells)
         for array in arrays:

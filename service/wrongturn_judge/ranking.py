@@ -33,22 +33,19 @@ class RankingInput:
     """Results of one agent's finished evaluation, or of an algorithm over its training seeds.
 
     Each evaluation has trials of its own, so ranks come from counts and never from pairs of trials.
-
-    Attributes:
-        agent: The agent.
-        evaluation: Id of the evaluation; None for an algorithm.
-        entry: How the agent was driven; None for an algorithm.
-        metrics: Result of :func:`~wrongturn_judge.metrics.compute`; an algorithm's are of its median seed.
-        cancelled: Number of evaluations on this suite that the agent cancelled after the first step, in version 1.
-        seeds: Spread over the training seeds; only for an algorithm.
     """
 
     agent: AgentDetail
     evaluation: str | None
+    """None for an algorithm."""
     entry: Entry | None
+    """How the agent was driven; None for an algorithm."""
     metrics: Metrics
+    """Result of :func:`~wrongturn_judge.metrics.compute`; an algorithm's are of its median seed."""
     cancelled: int = 0
+    """Number of evaluations on this suite that the agent cancelled after the first step."""
     seeds: Seeds | None = None
+    """Spread over the training seeds; only for an algorithm."""
 
     @property
     def owner(self) -> str:

@@ -79,10 +79,6 @@ class Trajectory:
     appearances: tuple[Appearance, ...] = ()
     """The road users' looks, by their numbers."""
 
-    def append(self, row: Row) -> None:
-        """Append a row."""
-        self.rows.append(row)
-
     def to_json(self) -> bytes:
         """Return canonical JSON: the same episode gives the same bytes.
 

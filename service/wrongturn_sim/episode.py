@@ -5,15 +5,16 @@ import struct
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple, SupportsFloat
 
+import numpy as np
 from pydantic import ValidationError
 
 from wrongturn_judge import JourneyGeometry, JudgeGeometry, judge_of
-from wrongturn_judge.trajectory import Row, Trajectory
+from wrongturn_judge.trajectory import RoadUser, Row, Trajectory
 from wrongturn_networks import load_town
 from wrongturn_networks.faults import CommandFault, make_fault
 from wrongturn_networks.faults.fault import Guidance
 from wrongturn_protocol import Command, Outcome, Track, Trial, View
-from wrongturn_protocol.observations import Observation
+from wrongturn_protocol.observations import ROAD_USERS, Observation
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, State, advance
 from wrongturn_sim.errors import (
     EpisodeAlreadyFinishedError,
@@ -21,11 +22,9 @@ from wrongturn_sim.errors import (
     InvalidActionError,
     InvalidTrialError,
 )
-from wrongturn_sim.observation import observe_privileged, observe_state
 from wrongturn_sim.reward import reward
 from wrongturn_sim.route import Navigator, start_pose
-from wrongturn_sim.simulation import Simulation
-from wrongturn_sim.simulator import Simulator
+from wrongturn_sim.simulator import Simulation, Simulator
 from wrongturn_sim.traffic.plan import EGO_LENGTH, plan_traffic
 
 if TYPE_CHECKING:
@@ -53,11 +52,7 @@ class Step(NamedTuple):
 
 
 def _check_trial(trial: Trial) -> None:
-    """Check the fields of a trial again, because ``model_copy`` lets anything through.
-
-    Raises:
-        InvalidTrialError: a field is invalid; the message names it.
-    """
+    """Check the fields of a trial again, because ``model_copy`` lets anything through."""
     try:
         Trial.model_validate(trial.model_dump(warnings=False))
     except ValidationError as error:
@@ -69,11 +64,7 @@ def _check_trial(trial: Trial) -> None:
 
 
 def _check_action(steer: SupportsFloat, throttle: SupportsFloat, brake: SupportsFloat) -> None:
-    """Check the fields of an action.
-
-    Raises:
-        InvalidActionError: a field is not a number or out of range; the message names it.
-    """
+    """Raise InvalidActionError, which names the field, if one is not a number or out of range."""
     for (name, (low, high)), value in zip(_RANGES.items(), (steer, throttle, brake), strict=True):
         try:
             if isinstance(value, str):
@@ -87,18 +78,45 @@ def _check_action(steer: SupportsFloat, throttle: SupportsFloat, brake: Supports
             raise InvalidActionError(f"action.{name}: is {float(value)}; give a number from {low:g} to {high:g}")
 
 
+def observe_state(state: State, command: Command) -> Observation:
+    """Return the keys that all tracks have, as new arrays."""
+    # The fastest way to make a new array is to fill an empty one.
+    speed, steering, named = np.empty(1, np.float32), np.empty(1, np.float32), np.empty(1, np.int64)
+    speed[0], steering[0], named[0] = state[3], state[4], command
+    return {"speed": speed, "steering": steering, "command": named}
+
+
+def observe_privileged(
+    state: State, command: Command, navigator: Navigator, road_users: Sequence[RoadUser]
+) -> Observation:
+    """Return all keys of the privileged track, as new arrays; they reveal neither the route nor the fault."""
+    observation = observe_state(state, command)
+    exits, mask = navigator.exits()
+    users = np.zeros((ROAD_USERS, 6), np.float32)
+    count = min(len(road_users), ROAD_USERS)
+    if count:
+        users[:count] = road_users[:count]
+    observation.update(
+        pose=np.array(state[:3], np.float64),
+        lane=navigator.lane_ahead(),
+        stop_line=np.array((navigator.stop_line,), np.float32),
+        exits=exits,
+        exits_mask=mask,
+        road_users=users,
+        road_users_count=np.array((count,), np.int64),
+    )
+    return observation
+
+
 class Episode:
     """One drive of one trial: ``reset``, then ``step`` until it says terminated or truncated.
 
     The same trial and actions give the same bytes of observations, trajectory and outcome, whatever this process drove
     before.
 
-    Args:
-        trial: the trial to drive.
-        track: decides what observations show.
-        simulator: the process's simulator, if the caller keeps one.
-        camera: place and optics of the camera, in the tracks that have one; the benchmark's by default.
-        strict: for training: a journey ends when the car leaves its road or lane, or stands.
+    The track decides what observations show. ``camera`` is its place and optics, in the tracks that have one; the
+    benchmark's by default. ``simulator`` is the process's, if the caller keeps one. ``strict`` is for training: a
+    journey ends when the car leaves its road or lane, or stands.
 
     Raises:
         InvalidTrialError: a field of the trial is invalid.
@@ -127,6 +145,7 @@ class Episode:
         self._privileged = track is Track.PRIVILEGED
         self._renderer = self._renderer_of(camera) if track in {Track.CAMERA, Track.SEGMENTATION} else None
         self._simulation: Simulation | None = None
+        self._actions: list[bytes] = []
         self.trajectory = Trajectory(trial, self.town.sha256)
         self.outcome: Outcome | None = None
         self.steps = 0
@@ -149,7 +168,7 @@ class Episode:
         self._navigator = Navigator(self.town, trial)
         self._fault = make_fault(trial)
         self._judge = judge_of(self.geometry, trial, strict=self.strict)
-        self._actions: list[bytes] = []
+        self._actions = []
         self.trajectory = Trajectory(trial, self.town.sha256, appearances=self._simulation.appearances)
         self.steps = self._sub_steps = 0
         # On a journey: the edges that others expect the car to take, from the one that it is on.
@@ -158,7 +177,7 @@ class Episode:
         self._guide()
         users = self._simulation.road_users()
         row = Row(0.0, *self._state, int(self._command), int(self._guidance.command), 0.0, 0.0, 0.0, users)
-        self.trajectory.append(row)
+        self.trajectory.rows.append(row)
         if self._traffic is not None:
             self.trajectory.road_user_numbers.append(self._simulation.numbers())
         self.outcome = self._judge.observe(row)
@@ -167,10 +186,7 @@ class Episode:
     def step(self, steer: float, throttle: float, brake: float) -> Step:
         """Drive for 0.1 s, or until there is a verdict.
 
-        Args:
-            steer: -1 full left to 1 full right.
-            throttle: 0 to 1.
-            brake: 0 to 1; it overrides the throttle.
+        Steer is -1 (full left) to 1 (full right); throttle and brake are 0 to 1, and the brake overrides the throttle.
 
         Raises:
             InvalidActionError: a field is not a finite number in its range.
@@ -191,13 +207,7 @@ class Episode:
     def repeat(self, actions: Sequence[tuple[float, float, float]]) -> Step | None:
         """Take many steps and return the last one's result; None if there are no actions.
 
-        Only the last observation is made, so this is faster than calling :meth:`step`.
-
-        Args:
-            actions: steer, throttle, brake of each step.
-
-        Raises:
-            As :meth:`step`.
+        Only the last observation is made, so this is faster than calling :meth:`step`, whose errors it raises.
         """
         if not actions:
             return None
@@ -206,9 +216,7 @@ class Episode:
         return self.step(*actions[-1])
 
     def _advance(self, steer: float, throttle: float, brake: float) -> None:
-        simulation = self._simulation
-        if simulation is None:
-            raise EpisodeNotStartedError("step before the first reset; call reset")
+        simulation = self._begun("step")
         if self.outcome is not None:
             raise EpisodeAlreadyFinishedError(f"the episode ended in {self.outcome.verdict}; call reset to drive again")
         try:
@@ -247,8 +255,7 @@ class Episode:
         Raises:
             EpisodeNotStartedError: call ``reset`` first.
         """
-        if self._simulation is None:
-            raise EpisodeNotStartedError("abort before the first reset; call reset")
+        self._begun("abort")
         if self.outcome is None:
             self.outcome = self._judge.abort(self.trajectory.rows[-1].t)
         return self.outcome
@@ -256,8 +263,6 @@ class Episode:
     @property
     def actions_sha256(self) -> str:
         """SHA-256 of the actions as little-endian float32 (n, 3), steer, throttle, brake; hexadecimal."""
-        if self._simulation is None:
-            return hashlib.sha256(b"").hexdigest()
         return hashlib.sha256(b"".join(self._actions)).hexdigest()
 
     def _guide(self) -> None:
@@ -277,13 +282,12 @@ class Episode:
                 self._expected = tuple(self.town.lanes[lane].edge for lane in lanes)
                 self._outdated = True
         if self._outdated:
-            assert self._simulation is not None
-            self._outdated = not self._simulation.set_route(self._expected)
+            self._outdated = not self._begun("step").set_route(self._expected)
 
     def _observe(self) -> Observation:
         if self._privileged:
-            assert self._simulation is not None
-            return observe_privileged(self._state, self._command, self._navigator, self._simulation.road_users())
+            users = self._begun("step").road_users()
+            return observe_privileged(self._state, self._command, self._navigator, users)
         observation = observe_state(self._state, self._command)
         if self._renderer is not None:
             rgb, segmentation = self._seen_by(self._renderer)
@@ -292,25 +296,11 @@ class Episode:
                 observation["segmentation"] = segmentation
         return observation
 
-    def picture(self, camera: "Camera | None" = None) -> "Image":
-        """Return what the camera sees now, uint8 (height, width, 3), on any track.
-
-        Raises:
-            EpisodeNotStartedError: call ``reset`` first.
-        """
-        if self._simulation is None:
-            raise EpisodeNotStartedError("picture before the first reset; call reset")
-        return self._seen_by(self._renderer_of(camera))[0]
-
     def view(self, view: View | str = View.BOTH, size: int | None = None, camera: "Camera | None" = None) -> "Image":
         """Return a picture of the moment for people, RGB uint8; its shape is that of :meth:`Replay.frames`.
 
-        The view from above follows the car. It shows the route and the other road users, which agents may not see.
-
-        Args:
-            view: ``top``, ``camera`` or ``both``.
-            size: Side of the view from above, pixels; 480 by default.
-            camera: The camera; the benchmark's by default.
+        The view from above follows the car; its side is ``size`` pixels, 480 by default. It shows the route and the
+        other road users, which agents may not see. The camera is the benchmark's by default.
 
         Raises:
             EpisodeNotStartedError: call ``reset`` first.
@@ -318,8 +308,7 @@ class Episode:
         """
         from wrongturn_sim.view.views import VIEW_SIZE, Moment, Views, view_of  # noqa: PLC0415 - slow, and only pictures need it
 
-        if self._simulation is None:
-            raise EpisodeNotStartedError("view before the first reset; call reset")
+        self._begun("view")
         rows, view = self.trajectory.rows, view_of(view)
         seen = None if view is View.TOP else self._seen_by(self._renderer_of(camera))[0]
         now = Moment(len(rows) - 1, self._command, self._guidance.command, seen, self.outcome)
@@ -334,8 +323,7 @@ class Episode:
         """
         from wrongturn_sim.view.plot import plot_episode  # noqa: PLC0415 - as above
 
-        if self._simulation is None:
-            raise EpisodeNotStartedError("plot before the first reset; call reset")
+        self._begun("plot")
         return plot_episode(self.town, self.trajectory, self.outcome)
 
     def _renderer_of(self, camera: "Camera | None") -> "Renderer":
@@ -344,5 +332,10 @@ class Episode:
         return Renderer(World.of(self.town), camera, self.trial.weather, self.trial.seed)
 
     def _seen_by(self, renderer: "Renderer") -> "tuple[Image, Image]":
-        assert self._simulation is not None
-        return renderer.render(*self._state[:3], self.steps, self._simulation.others())
+        return renderer.render(*self._state[:3], self.steps, self._begun("view").others())
+
+    def _begun(self, what: str) -> Simulation:
+        """Return the simulation; raise EpisodeNotStartedError before the first reset."""
+        if self._simulation is None:
+            raise EpisodeNotStartedError(f"{what} before the first reset; call reset")
+        return self._simulation

@@ -206,8 +206,3 @@ def legs_ahead(
         found.append(progress.leg)
         metres -= net.legs[progress.leg].length
     return found
-
-
-def route_draws(random: Any) -> Array:
-    """Return the random draws of a route, taken from a ``random.Random`` of its own."""
-    return np.frombuffer(random.getrandbits(32 * DRAWS).to_bytes(4 * DRAWS, "little"), "<u4").copy()

@@ -97,7 +97,8 @@ def start_route(roads: Roads, town: Town, trial: Trial, row: NDArray[np.float64]
     progress.journey = trial.journey is not None
     progress.window = guide.WINDOW_BEFORE if trial.window is None else trial.window
     # A generator of its own: other draws do not shift the route.
-    return guide.route_draws(random.Random(f"route {trial.seed}"))
+    drawn = random.Random(f"route {trial.seed}").getrandbits(32 * guide.DRAWS)
+    return np.frombuffer(drawn.to_bytes(4 * guide.DRAWS, "little"), "<u4").copy()
 
 
 class Navigator:
@@ -119,7 +120,7 @@ class Navigator:
     @property
     def lane(self) -> str:
         """Id of the lane that the car is in; within a junction, of the lane that it came from."""
-        return self._roads.names[self._progress.leg]
+        return self._roads.names[int(self._progress.leg)]
 
     def lanes_ahead(self, metres: float) -> tuple[str, ...]:
         """Return the ids of the lanes along the route ahead; those after the first add up to ``metres`` or more."""

@@ -22,8 +22,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from wrongturn_sim.errors import SimError, SimulatorFailedError, SimulatorInUseError
-from wrongturn_sim.simulation import Simulation
-from wrongturn_sim.simulator import Simulator, is_free, release
+from wrongturn_sim.simulator import Simulation, Simulator, is_free, release
 from wrongturn_sim.traffic.plan import TrafficPlan
 
 _GOODBYE: Final = 5.0

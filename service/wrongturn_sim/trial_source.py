@@ -21,11 +21,7 @@ _NOT_OF_JOURNEYS: Final = frozenset({"town", "random", "weather", "traffic"})
 
 
 def a_flag(name: str, value: bool) -> bool:
-    """Return the value of a flag.
-
-    Raises:
-        OptionError: It is neither True nor False, such as ``"no"``, which would count as true.
-    """
+    """Return the value of a flag; raise OptionError for others than booleans, such as ``"no"``, which would be true."""
     if not isinstance(value, bool | np.bool_):
         raise OptionError(f"{name}: is {value!r}; give True or False")
     return bool(value)
@@ -52,8 +48,7 @@ class TrialSource:
     def __init__(self, options: TrialOptions) -> None:
         """Load the town or suite, and find the approaches where the fault can be applied.
 
-        Args:
-            options: What to draw; trials in ``Town01`` if they name neither a town nor a suite nor a trial.
+        Trials are drawn in ``Town01`` if the options name neither a town nor a suite nor a trial.
 
         Raises:
             OptionError: A town, suite or trial does not exist, or there is none to draw from.

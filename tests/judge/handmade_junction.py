@@ -4,11 +4,12 @@ The car comes from the south on x = 2; the stop line is y = -8, the exit lines a
 wide, arms 80 m long. A missing arm leaves a straight kerb 4 m from the middle.
 """
 
+import dataclasses
 import math
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-from shapely import Point, box, unary_union
+from shapely import Point, affinity, box, unary_union
 from shapely.geometry.base import BaseGeometry
 
 from wrongturn_judge import THRESHOLDS, ExitLane, JudgeGeometry, LaneStrip, Thresholds, judge, judge_of
@@ -173,6 +174,33 @@ def verdict_of(
     return recorded
 
 
+MIRRORED = {LEFT: RIGHT, RIGHT: LEFT, STRAIGHT: STRAIGHT}
+"""Each direction in a mirror."""
+
+
+def _flipped(shape: BaseGeometry) -> BaseGeometry:
+    return affinity.scale(shape, 1.0, -1.0, origin=(0.0, 0.0))
+
+
+def mirrored(one: JudgeGeometry) -> JudgeGeometry:
+    """The geometry mirrored at the x axis: y becomes -y, left becomes right."""
+    flip = np.array([1.0, -1.0])
+    exits = {MIRRORED[direction]: ExitLane(lane.centreline * flip, lane.width) for direction, lane in one.exits.items()}
+    return dataclasses.replace(
+        one,
+        road=_flipped(one.road),
+        area=_flipped(one.area),
+        approach=one.approach * flip,
+        exits=exits,
+        middle=(one.middle[0], -one.middle[1]),
+        street_axis=-one.street_axis,
+        lanes=tuple(LaneStrip(_flipped(lane.polygon), lane.centreline * flip) for lane in one.lanes),
+        other_areas=tuple(_flipped(area) for area in one.other_areas),
+        solids=one.solids * np.array([1.0, -1.0, -1.0, 1.0, 1.0]),
+        town_sha256=None,
+    )
+
+
 def mirrored_rows(rows: Sequence[Row]) -> list[Row]:
     """The same drive in a mirror along the x axis."""
     swap = {int(LEFT): int(RIGHT), int(RIGHT): int(LEFT)}
@@ -192,10 +220,9 @@ def mirrored_rows(rows: Sequence[Row]) -> list[Row]:
 
 def mirrored_trial(one: Trial) -> Trial:
     """The same trial in that mirror."""
-    swap = {LEFT: RIGHT, RIGHT: LEFT, STRAIGHT: STRAIGHT}
     return one.model_copy(
         update={
-            "route": swap[one.route],
-            "junction_type": JunctionType.of(frozenset(swap[exit_] for exit_ in one.junction_type.exits)),
+            "route": MIRRORED[one.route],
+            "junction_type": JunctionType.of(frozenset(MIRRORED[exit_] for exit_ in one.junction_type.exits)),
         }
     )

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from golden_drives import FOLDER, GOLDEN
-from handmade_junction import junction, mirrored_rows, mirrored_trial, verdict_of
+from handmade_junction import junction, mirrored, mirrored_rows, mirrored_trial, verdict_of
 
 from wrongturn_judge import judge
 from wrongturn_judge.trajectory import Trajectory
@@ -39,5 +39,5 @@ def test_a_golden_record_keeps_its_outcome(path: Path) -> None:
     assert outcome == Outcome.model_validate(stored["outcome"])
     assert (outcome.verdict, outcome.reaction, outcome.flags) == EXPECTED[path.stem]
     assert outcome.time == trajectory.rows[-1].t
-    mirrored = verdict_of(mirrored_rows(trajectory.rows), geometry.mirrored(), mirrored_trial(trajectory.trial))
-    assert (mirrored.verdict, mirrored.reaction, mirrored.flags) == EXPECTED[path.stem]
+    there = verdict_of(mirrored_rows(trajectory.rows), mirrored(geometry), mirrored_trial(trajectory.trial))
+    assert (there.verdict, there.reaction, there.flags) == EXPECTED[path.stem]

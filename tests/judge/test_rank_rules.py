@@ -68,7 +68,7 @@ def fields(draw: st.DrawFn, largest: int = 12) -> list[Agent]:
 
 
 @given(fields(), st.randoms(use_true_random=False))
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_the_order_of_the_rows_changes_nothing(field, generator) -> None:
     rows = [row(agent) for agent in field]
     entries = rank(rows)
@@ -89,7 +89,7 @@ def test_lying_below_is_transitive(counts) -> None:
 
 
 @given(fields())
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_a_rank_counts_other_owners_below(field) -> None:
     """The rule as the documentation words it, without the code's short cut."""
     found = ranks(field)
@@ -109,7 +109,7 @@ def test_a_rank_counts_other_owners_below(field) -> None:
 
 
 @given(fields(), st.booleans())
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_who_lies_below_never_stands_behind(field, alone) -> None:
     """And stands before where each agent has an owner of its own."""
     field = [replace(agent, owner="") for agent in field] if alone else field
@@ -122,7 +122,7 @@ def test_who_lies_below_never_stands_behind(field, alone) -> None:
 
 
 @given(fields(), fields(largest=6))
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_more_agents_move_nobody_up(field, more) -> None:
     """Whoever enters, clone or not, of the same owner or another."""
     before = ranks(field)
@@ -134,7 +134,7 @@ def test_more_agents_move_nobody_up(field, more) -> None:
 
 
 @given(fields(), st.data(), st.integers(1, 6))
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_clones_of_the_same_owner_change_nobodys_rank(field, data, copies) -> None:
     named = [replace(agent, owner=agent.owner or agent.name) for agent in field]
     original = data.draw(st.sampled_from(named))
@@ -145,7 +145,7 @@ def test_clones_of_the_same_owner_change_nobodys_rank(field, data, copies) -> No
 
 
 @given(fields(), st.lists(st.integers(0, TRIALS), min_size=1, max_size=4))
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_new_agents_of_an_owner_leave_its_others_where_they_are_and_cost_anybody_else_one_place(field, counts) -> None:
     before = ranks(field)
     after = ranks([*field, *(Agent(f"new{number}", "A", count) for number, count in enumerate(counts))])
@@ -160,7 +160,7 @@ def test_new_agents_of_an_owner_leave_its_others_where_they_are_and_cost_anybody
 
 
 @given(fields(), st.data())
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_fewer_unsafe_never_worsens_a_rank(field, data) -> None:
     me = data.draw(st.sampled_from(field))
     fewer = data.draw(st.integers(0, me.unsafe))

@@ -11,6 +11,7 @@ from handmade_junction import (
     STRAIGHT,
     drive,
     junction,
+    mirrored,
     mirrored_rows,
     mirrored_trial,
     trial,
@@ -30,7 +31,7 @@ def reaction(rows: list[Row], missing: Command, fault: FaultKind = FaultKind.INF
     kind = MISSING[missing]
     its_trial, geometry = trial(kind, fault=fault), junction(kind)
     here = verdict_of(rows, geometry, its_trial)
-    there = verdict_of(mirrored_rows(rows), geometry.mirrored(), mirrored_trial(its_trial))
+    there = verdict_of(mirrored_rows(rows), mirrored(geometry), mirrored_trial(its_trial))
     assert here.reaction is there.reaction
     return here.reaction
 

@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from wrongturn_sim import simulator as bridge
 from wrongturn_sim.checks import checks
 from wrongturn_sim.errors import SimulatorUnavailableError
@@ -34,18 +36,21 @@ def run(code, **environment):
     return done.stdout.strip()
 
 
-def test_compiled_kernels_are_kept_under_wrongturn_home(tmp_path):
-    code = (
-        "import os; from wrongturn_sim.ego import advance; advance(*[0.0] * 8, 0.05);"
-        "print(os.environ['NUMBA_CACHE_DIR'])"
-    )
-    assert run(code, WRONGTURN_HOME=str(tmp_path)) == str(tmp_path / "numba")
-    assert any(tmp_path.rglob("*.nbc"))
+KERNELS = "from wrongturn_sim.ego import advance; advance(*[0.0] * 8, 0.05);"
+WHERE = "import os, wrongturn_sim; print(os.environ['NUMBA_CACHE_DIR'])"
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """Kernels that a run left under its WRONGTURN_HOME."""
+    home = tmp_path_factory.mktemp("home")
+    assert run(KERNELS + WHERE, WRONGTURN_HOME=str(home)) == str(home / "numba")
+    assert any(home.rglob("*.nbc"))
+    return home / "numba"
 
 
 def test_a_users_own_cache_directory_is_kept(tmp_path):
-    code = "import wrongturn_sim, os; print(os.environ['NUMBA_CACHE_DIR'])"
-    assert run(code, WRONGTURN_HOME=str(tmp_path), NUMBA_CACHE_DIR=str(tmp_path / "own")) == str(tmp_path / "own")
+    assert run(WHERE, WRONGTURN_HOME=str(tmp_path), NUMBA_CACHE_DIR=str(tmp_path / "own")) == str(tmp_path / "own")
 
 
 def test_a_home_that_cannot_be_made_is_no_obstacle(tmp_path):
@@ -56,32 +61,20 @@ def test_a_home_that_cannot_be_made_is_no_obstacle(tmp_path):
     assert run(code, WRONGTURN_HOME=str(blocked / "home")) == "0.0"
 
 
-KERNELS = "from wrongturn_sim.ego import advance; advance(*[0.0] * 8, 0.05);"
-WHERE = "import os; print(os.environ['NUMBA_CACHE_DIR'])"
-
-
-def test_kernels_that_came_along_are_copied_and_not_compiled_again(tmp_path):
-    compiled, home = tmp_path / "compiled", tmp_path / "home"
-    run(KERNELS, NUMBA_CACHE_DIR=str(compiled))
-    came = files(compiled)
+def test_kernels_that_came_along_are_copied_and_not_compiled_again(compiled, tmp_path):
+    came, home = files(compiled), tmp_path / "home"
     (home / "numba" / "of an older version").mkdir(parents=True)
     (home / "numba-0123").mkdir()
-    copy = Path(run(KERNELS + WHERE, WRONGTURN_HOME=str(home), WRONGTURN_KERNELS=str(compiled)))
+    here = {"WRONGTURN_HOME": str(home), "WRONGTURN_KERNELS": str(compiled)}
+    copy = Path(run(KERNELS + WHERE, **here))
     assert list(home.iterdir()) == [copy]
     assert files(copy) == came == files(compiled)
-
-
-def test_what_another_processor_needs_is_added_to_the_copy_and_kept(tmp_path):
-    compiled, home = tmp_path / "compiled", tmp_path / "home"
-    run(KERNELS, NUMBA_CACHE_DIR=str(compiled))
-    came = files(compiled)
-    here = {"WRONGTURN_HOME": str(home), "WRONGTURN_KERNELS": str(compiled), "NUMBA_CPU_NAME": "generic"}
-    copy = Path(run(KERNELS + WHERE, **here))
+    # What another processor needs is added to the copy, and kept there.
+    assert run(KERNELS + WHERE, **here, NUMBA_CPU_NAME="generic") == str(copy)
+    assert came.keys() < files(copy).keys()
     assert files(compiled) == came
-    added = files(copy)
-    assert came.keys() < added.keys()
-    assert run(KERNELS + WHERE, **here) == str(copy)
-    assert files(copy) == added
+    assert run(WHERE, **here) == str(copy)
+    assert came.keys() < files(copy).keys()
 
 
 def test_kernels_of_another_image_have_a_copy_of_their_own(tmp_path):
@@ -90,7 +83,7 @@ def test_kernels_of_another_image_have_a_copy_of_their_own(tmp_path):
     copies = []
     for content in ("one", "another"):
         (compiled / "kernel").write_text(content, encoding="ascii")
-        copies.append(run("import wrongturn_sim;" + WHERE, WRONGTURN_HOME=str(home), WRONGTURN_KERNELS=str(compiled)))
+        copies.append(run(WHERE, WRONGTURN_HOME=str(home), WRONGTURN_KERNELS=str(compiled)))
     assert copies[0] != copies[1]
     assert (Path(copies[1]) / "kernel").read_text(encoding="ascii") == "another"
 
@@ -101,7 +94,7 @@ def test_kernels_are_copied_where_home_cannot_be_made_too(tmp_path):
     (compiled / "kernel").write_text("one", encoding="ascii")
     (tmp_path / "file").write_text("", encoding="ascii")
     here = {"WRONGTURN_HOME": str(tmp_path / "file" / "home"), "WRONGTURN_KERNELS": str(compiled)}
-    assert (Path(run("import wrongturn_sim;" + WHERE, **here, TMPDIR=str(tmp_path))) / "kernel").is_file()
+    assert (Path(run(WHERE, **here, TMPDIR=str(tmp_path))) / "kernel").is_file()
 
 
 def files(directory):

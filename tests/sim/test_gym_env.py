@@ -9,7 +9,7 @@ from gymnasium.error import DependencyNotInstalled
 from wrongturn_networks import UnknownTrialError, load_suite, load_town
 from wrongturn_networks.faults import FaultNotApplicableError
 from wrongturn_protocol import Command
-from wrongturn_sim import WrongturnSimEnv, notice
+from wrongturn_sim import WrongturnSimEnv
 from wrongturn_sim.errors import DependencyMissingError
 from wrongturn_sim.view.colours import CAR
 
@@ -71,19 +71,6 @@ def test_human_mode_shows_each_picture_in_a_window(monkeypatch):
     env.close()
     env.close()
     assert pygame.display.get_surface() is None
-
-
-def test_a_compilation_that_lasts_is_announced_once(monkeypatch, capsys):
-    """A kernel in the cache is only loaded, so it says nothing; see test_it_needs_no_sumo for a whole drive."""
-    monkeypatch.setattr(notice, "_SECONDS", 0.0)
-    listener = notice._Notice()
-    for _ in range(2):
-        listener.on_start(None)
-        listener.on_start(None)
-        listener._timer.join(30)
-        listener.on_end(None)
-        listener.on_end(None)
-    assert capsys.readouterr().err.count("compiling the simulation for this machine") == 1
 
 
 def test_without_pygame_human_mode_says_what_to_install(monkeypatch):

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 from shapely import LineString, Point
-from wrongturn_sim.environment_simulator import EnvironmentSimulator
 
 from wrongturn_networks import draw_journey, load_town
 from wrongturn_protocol import DIRECTIONS, Command, Task, Track, Traffic, Verdict
 from wrongturn_sim import Episode, JourneyGeometry, Trajectory, WrongturnSimEnv, WrongturnVectorEnv, judge
 from wrongturn_sim.route import start_pose
+from wrongturn_sim.simulator_process import EnvironmentSimulator
 from wrongturn_sim.traffic.plan import plan_traffic
 
 TOWNS = ("Town01", "Town02")

@@ -1,17 +1,43 @@
 import builtins
 import math
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from wrongturn_networks import load_town
-from wrongturn_protocol import Track
-from wrongturn_sim import Episode, Simulator, SimulatorFailedError, SimulatorInUseError, SimulatorUnavailableError
+from wrongturn_protocol import Track, Traffic
+from wrongturn_sim import (
+    Episode,
+    Simulator,
+    SimulatorFailedError,
+    SimulatorInUseError,
+    SimulatorUnavailableError,
+    WrongturnSimEnv,
+    WrongturnVectorEnv,
+)
 from wrongturn_sim import simulator as bridge
+from wrongturn_sim.route import start_pose
+from wrongturn_sim.traffic.plan import plan_traffic
 
 
-def test_a_displaced_environment_is_told_and_can_take_the_simulator_back(make_trial):
-    first, second = Episode(make_trial(), Track.STATE), Episode(make_trial(town="Town01"), Track.STATE)
+@pytest.fixture
+def busy(make_trial):
+    """Draw a trial with another car in town."""
+    return lambda **more: make_trial(traffic=Traffic(vehicles=1), **more)
+
+
+def plan_of(trial):
+    town = load_town(trial.town)
+    start = start_pose(town, trial)
+    return town.net_file, start, plan_traffic(town, trial, start)
+
+
+@pytest.mark.parametrize("shared", [None, Simulator()], ids=["each its own", "shared"])
+def test_a_displaced_episode_is_told_and_can_take_the_simulator_back(busy, shared):
+    first = Episode(busy(), Track.STATE, simulator=shared)
+    second = Episode(busy(seed=2), Track.STATE, simulator=shared)
     first.reset()
     first.step(0.0, 0.3, 0.0)
     second.reset()
@@ -27,18 +53,23 @@ def test_a_displaced_environment_is_told_and_can_take_the_simulator_back(make_tr
         second.step(0.0, 0.3, 0.0)
 
 
-def test_two_episodes_that_share_a_simulator_displace_each_other_too(make_trial):
-    simulator = Simulator()
-    first = Episode(make_trial(), Track.STATE, simulator=simulator)
-    second = Episode(make_trial(seed=2), Track.STATE, simulator=simulator)
-    first.reset()
-    second.reset()
-    with pytest.raises(SimulatorInUseError):
-        first.step(0.0, 0.0, 0.0)
+def test_who_drives_alone_needs_no_sumo_and_disturbs_nobody(busy, make_trial, monkeypatch):
+    among_others = Episode(busy(), Track.STATE)
+    among_others.reset()
+    monkeypatch.setattr(bridge, "load_libsumo", None)
+    alone = [Episode(make_trial(seed=seed), Track.STATE) for seed in (1, 2)]
+    envs = [WrongturnSimEnv("junctions"), WrongturnVectorEnv(2, "junctions", "privileged")]
+    for one in (*alone, *envs):
+        one.reset()
+    for episode in (*alone, among_others):
+        episode.step(0.0, 0.3, 0.0)
+    for env in envs:
+        env.step(np.zeros(env.action_space.shape, np.float32))
+    assert all(episode.steps == 1 for episode in alone)
 
 
-def test_sumo_has_the_car_where_the_episode_has_it(make_trial):
-    episode = Episode(make_trial(seed=3), Track.STATE)
+def test_sumo_has_the_car_where_the_episode_has_it(busy):
+    episode = Episode(busy(seed=3), Track.STATE)
     episode.reset()
     sumo = bridge.load_libsumo()
     for k in range(25):
@@ -50,25 +81,16 @@ def test_sumo_has_the_car_where_the_episode_has_it(make_trial):
         assert math.remainder(angle - row.yaw, math.tau) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_the_car_may_go_where_no_road_is(make_trial):
-    town = load_town("junctions")
-    lane = town.lanes[town.approach(min(town.approaches)).lane]
-    drive = Simulator().begin(town.net_file, lane.edge, 0.0, 0.0, 0.0, seed=1)
-    for k in range(40):
-        drive.move(-500.0 + 50.0 * k, 900.0 - 30.0 * k, 0.1 * k)
-    assert drive.road_users() == ()
-
-
-def test_a_net_that_is_none_is_refused_and_the_next_one_loads(tmp_path, make_trial):
+def test_a_net_that_is_none_is_refused_and_the_next_one_loads(tmp_path, busy):
     broken = tmp_path / "broken.net.xml"
     broken.write_text("<net", encoding="ascii")
+    good, start, plan = plan_of(busy())
     for net in (broken, Path("missing.net.xml")):
         with pytest.raises(SimulatorFailedError, match=net.name):
-            Simulator().begin(net, "edge", 0.0, 0.0, 0.0, seed=1)
-    town = load_town("junctions")
+            Simulator().begin(net, *start, plan, seed=1)
     with pytest.raises(SimulatorFailedError, match="no-such-edge"):
-        Simulator().begin(town.net_file, "no-such-edge", 0.0, 0.0, 0.0, seed=1)
-    episode = Episode(make_trial(), Track.STATE)
+        Simulator().begin(good, *start, replace(plan, ego=("no-such-edge",)), seed=1)
+    episode = Episode(busy(), Track.STATE)
     episode.reset()
     episode.step(0.0, 0.0, 0.0)
 

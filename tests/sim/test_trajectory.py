@@ -29,7 +29,7 @@ def test_json_is_columns_and_the_trial_by_reference(trajectory):
 
 def test_road_users_are_a_column_where_there_are_any(trajectory):
     other = (1.0, 2.0, 0.5, 4.3, 1.8, 7.0)
-    trajectory.append(trajectory.rows[0]._replace(t=0.15, road_users=(other,)))
+    trajectory.rows.append(trajectory.rows[0]._replace(t=0.15, road_users=(other,)))
     assert json.loads(trajectory.to_json())["road_users"] == [[], [], [], [list(other)]]
     assert Trajectory.from_json(trajectory.to_json()) == trajectory
 

@@ -34,7 +34,7 @@ def picture(
 
     from wrongturn_networks import load_town  # noqa: PLC0415
     from wrongturn_sim.camera import Renderer, World  # noqa: PLC0415
-    from wrongturn_sim.camera.palette import coloured, larger, pose_before  # noqa: PLC0415
+    from wrongturn_sim.camera.palette import PALETTE, pose_before  # noqa: PLC0415
 
     try:
         built = load_town(town)
@@ -43,7 +43,7 @@ def picture(
             raise ValueError(f"distance: is {distance:g}; give metres, -1000 to 1000")
         pose = pose_before(built.approach(approach), distance)
         rgb, segmentation = Renderer(World.of(built), weather=weather, seed=seed).render(*pose)
-        image = larger(np.concatenate([rgb, coloured(segmentation)]), scale)
+        image = np.concatenate([rgb, PALETTE[segmentation]]).repeat(scale, axis=0).repeat(scale, axis=1)
         try:
             written, packed = cv2.imencode(file.suffix, image[:, :, ::-1])
         except cv2.error:

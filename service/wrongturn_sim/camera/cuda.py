@@ -104,10 +104,7 @@ class CudaRenderer:
     GPU rounds differently: on an H200, at most 4 pixels in a million have another class and 55 in a million a colour
     that differs by more than 1. The constructor allocates all memory, but for that of road users, which grows.
 
-    Args:
-        world: the world of all cars.
-        camera: the camera of all cars.
-        number: most pictures that one call makes.
+    ``number`` is the most pictures that one call makes.
 
     Raises:
         CameraError: there is no GPU, or the number is not a whole number above 0.
@@ -164,18 +161,10 @@ class CudaRenderer:
     ) -> None:
         """Paint the pictures of N cars.
 
-        The call returns before the GPU has finished. Code that reads the pictures waits for them.
-
-        Args:
-            looks: (N, SIZE) rows of :func:`~wrongturn_sim.camera.look_of`. With ``kinds``, a table of such rows, which
-                is sent to the GPU only if it is another object than at the last call.
-            seeds: (N,) seeds of the rain, whole numbers.
-            poses: (N, 3): x, y, yaw.
-            ticks: (N,) numbers of the decisions.
-            kinds: (N,): the row of ``looks`` for each car; by default, row i is for car i.
-            targets: (N,): the place of each picture, all different; the first N by default.
-            others: (M, 8) other road users as for :meth:`Renderer.render`, those of the first car first. None: nobody.
-            begins: (N + 1,): where those of each car begin.
+        The call returns before the GPU has finished. Code that reads the pictures waits for them. The arguments are
+        those of :func:`~wrongturn_sim.camera.render_batch`, but for two. ``kinds`` (N,) is the row of ``looks`` for
+        each car, by default row i for car i; the table of looks is sent to the GPU only if it is another object than at
+        the last call. ``targets`` (N,) are the places of the pictures, all different; the first N by default.
 
         Raises:
             CameraError: an array has another shape, or a number is not finite or out of its range.
@@ -256,10 +245,7 @@ class CudaRenderer:
             kernels.rain_down[columns, THREADS](sent, self._looks_there, self._images[0])
 
     def keep(self, which: NDArray[np.integer[Any]]) -> tuple[DeviceImages, DeviceImages]:
-        """Copy some pictures to a second set of arrays, where they stay until the same places are copied again.
-
-        Args:
-            which: (K,) numbers of pictures, all different.
+        """Copy the pictures of ``which`` (K,), all different, to other arrays, until the same places are copied again.
 
         Returns:
             RGB and segmentation of all places; those of ``which`` are up to date.

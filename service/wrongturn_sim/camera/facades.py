@@ -3,22 +3,8 @@
 from typing import Any, NamedTuple
 
 from wrongturn_protocol.segmentation import SegmentationClass
-from wrongturn_sim.camera import solids
-from wrongturn_sim.camera.kernels import (
-    Colour,
-    Column,
-    clamp,
-    floor,
-    grain,
-    haze_at,
-    kernel,
-    noise,
-    put,
-    put_lit,
-    toned,
-    triple,
-    turned,
-)
+from wrongturn_sim.camera import kernels, solids
+from wrongturn_sim.camera.kernels import Colour, Column, clamp, floor, grain, kernel, toned, triple
 from wrongturn_sim.camera.weathers import HAZE_COLOUR, HORIZON, LAMPS, SKYLIGHT, SUN, SUNLIGHT
 
 _BUILDING = int(SegmentationClass.BUILDING)
@@ -101,7 +87,7 @@ def overlap(up: float, down: float, low: float, high: float) -> float:
 @kernel
 def lit(row: Any, along_x: bool, sign: float, look: Any) -> float:
     """Return the sun's share on a face, 0 to 1, whose normal is the local x or y axis times the sign."""
-    facing_x, facing_y = turned(row, look[SUN], look[SUN + 1])
+    facing_x, facing_y = kernels.turned(row, look[SUN], look[SUN + 1])
     return max(0.0, sign * (facing_x if along_x else facing_y))
 
 
@@ -178,7 +164,7 @@ def window_height(house: House, z: float, y: float, level: int, foot: float) -> 
 @kernel
 def glass_colour(house: House, level: int, sky: Colour) -> Colour:
     """Return the colour of a window without a lamp: it mirrors the sky or has a curtain."""
-    chance = noise(house.bay, level, house.seed + 1)
+    chance = kernels.noise(house.bay, level, house.seed + 1)
     pale = 0.35 + 0.45 * chance
     red = 26.0 + 0.30 * pale * sky[0]
     green = 32.0 + 0.31 * pale * sky[1]
@@ -217,7 +203,7 @@ def house_run(column: Column, a: int, b: int, face: Face, row: Any, shops: Any) 
     t, sun, look = face.t, face.sun, column.look
     foot = t / column.focal
     house = house_of(face, foot, row)
-    haze = haze_at(t, look)
+    haze = kernels.haze_at(t, look)
     clear = 1.0 - haze
     sky, lamps = triple(look, HORIZON), look[LAMPS]
     skylight, sunlight, fade = triple(look, SKYLIGHT), triple(look, SUNLIGHT), triple(look, HAZE_COLOUR)
@@ -236,14 +222,14 @@ def house_run(column: Column, a: int, b: int, face: Face, row: Any, shops: Any) 
         if outside > 0.0:
             if level != glazed:
                 glazed, glass = level, glass_colour(house, level, sky)
-                if noise(house.bay, level, house.seed + 2) < lamps:
+                if kernels.noise(house.bay, level, house.seed + 2) < lamps:
                     # A lamp inside does not depend on the light outside.
                     glass = (250.0 / light_r * clear, 196.0 / light_g * clear, 110.0 / light_b * clear)
             colour = with_window(house, colour, glass, z, level, inside, outside)
         if house.shop > 0 and level == 0 and y > 0.76 and y < 0.96:
             colour = triple(shops[house.shop - 1], 0)
         colour = colour[0] * light_r + haze_r, colour[1] * light_g + haze_g, colour[2] * light_b + haze_b
-        put(column, v, colour, _BUILDING)
+        kernels.put(column, v, colour, _BUILDING)
 
 
 @kernel
@@ -274,7 +260,7 @@ def hedge_tone(s: float, z: float, near: float, height: float, seed: int) -> flo
 @kernel
 def wall_run(column: Column, a: int, b: int, t: float, s: float, sun: float, row: Any) -> None:
     """Paint rows a to b of a wall of bricks or of a hedge, at depth t and s metres along it."""
-    haze = haze_at(t, column.look)
+    haze = kernels.haze_at(t, column.look)
     height, seed, kind = row[solids.HEIGHT], int(row[solids.SEED]), int(row[solids.KIND])
     near = clamp(1.0 - t / 60.0, 0.0, 1.0)
     for v in range(a, b):
@@ -283,13 +269,13 @@ def wall_run(column: Column, a: int, b: int, t: float, s: float, sun: float, row
             tone, seen = brick_tone(s, z, t, near, height, seed), _WALL
         else:
             tone, seen = hedge_tone(s, z, near, height, seed), _VEGETATION
-        put_lit(column, v, toned(triple(row, solids.R), tone), sun, haze, seen)
+        kernels.put_toned(column, v, row, solids.R, tone, sun, haze, seen)
 
 
 @kernel
 def top_pixel(column: Column, v: int, t: float, x: float, y: float, sun: float, row: Any) -> None:
     """Paint a pixel of a roof, a coping or a hedge's crown; (x, y) is its place in the solid's own frame."""
-    haze = haze_at(t, column.look)
+    haze = kernels.haze_at(t, column.look)
     near = clamp(1.0 - t / 70.0, 0.0, 1.0)
     seed, kind = int(row[solids.SEED]), int(row[solids.KIND])
     first, seen, tone = solids.R, _WALL, 1.1
@@ -298,4 +284,4 @@ def top_pixel(column: Column, v: int, t: float, x: float, y: float, sun: float, 
     elif kind != solids.WALL:
         tiles = grain(floor(x * 2.5), floor(y * 3.0), seed)
         first, seen, tone = solids.R2, _BUILDING, 0.95 + near * 0.22 * (tiles - 0.5)
-    put_lit(column, v, toned(triple(row, first), tone), sun, haze, seen)
+    kernels.put_toned(column, v, row, first, tone, sun, haze, seen)

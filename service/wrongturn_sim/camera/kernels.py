@@ -208,6 +208,12 @@ def put_lit(column: Column, v: int, colour: Colour, sun: float, haze: float, see
 
 
 @kernel
+def put_toned(column: Column, v: int, row: Any, first: int, tone: float, sun: float, haze: float, seen: int) -> None:
+    """Write a pixel of a solid's surface whose colour, from position ``first`` of its row on, is this much brighter."""
+    put_lit(column, v, toned(triple(row, first), tone), sun, haze, seen)
+
+
+@kernel
 def first_row(limit: float, column: Column) -> int:
     """Return the first row whose ray rises by no more than the limit for each metre of depth; v1 if there is none."""
     v0, v1 = column.v0, column.v1

@@ -16,15 +16,9 @@ def _hash(x: NDArray[np.uint64], y: NDArray[np.uint64], seed: int) -> NDArray[np
 
 @functools.lru_cache(maxsize=16)
 def tile(size: int, grains: tuple[int, ...], seed: int) -> NDArray[np.uint8]:
-    """Return a square of noise, 0 to 255, that repeats without a seam.
+    """Return a square of noise (size, size), 0 to 255, that repeats without a seam; read-only.
 
-    Args:
-        size: cells of each side.
-        grains: width of each lattice, in cells. The noise is their sum; those named first weigh more.
-        seed: equal seeds give equal noise.
-
-    Returns:
-        (size, size), read-only.
+    ``grains`` is the width of each lattice, in cells. The noise is their sum; those named first weigh more.
     """
     total = np.zeros((size, size), np.int64)
     weights = 0

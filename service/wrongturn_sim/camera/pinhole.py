@@ -1,8 +1,8 @@
 """The camera's mounting and optics."""
 
 import math
-from dataclasses import dataclass
-from typing import Self
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,60 +73,24 @@ class Camera:
                 raise CameraError(f"camera: {name} is {value!r}; give a finite number from {least:g} to {most:g}")
 
     @classmethod
-    def of_fov(
-        cls,
-        fov_degrees: float,
-        width: int = 192,
-        height: int = 64,
-        *,
-        forward: float = 0.7,
-        left: float = 0.0,
-        up: float = 1.6,
-        pitch: float = 0.0,
-        yaw: float = 0.0,
-    ) -> Self:
-        """Return a camera with this horizontal field of view, whose axis goes through the middle of the picture.
+    def of_fov(cls, fov_degrees: float, width: int = 192, height: int = 64, **mounting: Any) -> Self:
+        """Return a camera with a horizontal field of view of 1 to 170 degrees, whose axis goes through the middle.
 
-        Args:
-            fov_degrees: 1 to 170.
-            width: columns, pixels.
-            height: rows, pixels.
-            forward: as the field of this name; the others likewise.
-            left: metres.
-            up: metres.
-            pitch: radians.
-            yaw: radians.
+        ``mounting`` are ``forward``, ``left``, ``up``, ``pitch`` and ``yaw``, as the fields of these names.
 
         Raises:
             CameraError: a parameter is out of its range.
         """
-        if isinstance(fov_degrees, bool) or not isinstance(fov_degrees, int | float | np.floating):
-            raise CameraError(f"camera: fov_degrees is {fov_degrees!r}; give a number from 1 to 170")
-        if not 1.0 <= fov_degrees <= 170.0:
+        right = isinstance(fov_degrees, int | float | np.floating) and not isinstance(fov_degrees, bool)
+        if not right or not 1.0 <= fov_degrees <= 170.0:
             raise CameraError(f"camera: fov_degrees is {fov_degrees!r}; give a number from 1 to 170")
         # Check the sides before the focal length is computed from them.
-        cls(width=width, height=height)
-        return cls(
-            width=width,
-            height=height,
-            focal=width / 2 / math.tan(math.radians(fov_degrees) / 2),
-            cx=width / 2,
-            cy=height / 2,
-            forward=forward,
-            left=left,
-            up=up,
-            pitch=pitch,
-            yaw=yaw,
-        )
+        plain = cls(width, height)
+        focal = width / 2 / math.tan(math.radians(fov_degrees) / 2)
+        return replace(plain, focal=focal, cx=width / 2, cy=height / 2, **mounting)
 
     def project(self, points: NDArray[np.float64], x: float, y: float, yaw: float) -> NDArray[np.float64]:
-        """Return the pixels at which a car at (x, y, yaw) sees points of the town.
-
-        Args:
-            points: (N, 3), metres, town frame; z is the height above the ground.
-            x: the middle of the car's body, metres.
-            y: the middle of the car's body, metres.
-            yaw: the car's heading, radians.
+        """Return the pixels at which a car at (x, y, yaw) sees points of the town (N, 3): metres, z above the ground.
 
         Returns:
             (N, 2): column and row; NaN for points that are not in front of the camera.

@@ -9,26 +9,9 @@ pitched camera's column do not lie in one plane: for it, the same functions take
 from typing import Any
 
 from wrongturn_judge.compiling import compiled
+from wrongturn_sim.camera import kernels
 from wrongturn_sim.camera.backdrop import background, set_row
-from wrongturn_sim.camera.kernels import (
-    DEPTH,
-    FIRST,
-    HITS,
-    LAST,
-    NEAR,
-    OPTIONS,
-    SHADE,
-    SLOPES,
-    WHICH,
-    Column,
-    Eye,
-    Scene,
-    Scratch,
-    eye_of,
-    kernel,
-    noise,
-    turned,
-)
+from wrongturn_sim.camera.kernels import OPTIONS, Column, Eye, Scene, Scratch, eye_of, kernel, noise, turned
 from wrongturn_sim.camera.pinhole import CX, CY, FOCAL, LEVEL, PITCH_COS, PITCH_SIN, UP
 from wrongturn_sim.camera.prisms import cross, hit_of, solid
 from wrongturn_sim.camera.road_users import car, row_of_other, shade_below, walker
@@ -44,7 +27,7 @@ def meet(column: Column, scenery: Any, scratch: Scratch) -> tuple[int, bool]:
 
     Returns their number, and whether the column also has trees, fences or road users.
     """
-    first, last, which = scratch.work[FIRST], scratch.work[LAST], scratch.work[WHICH]
+    first, last, which = scratch.work[kernels.FIRST], scratch.work[kernels.LAST], scratch.work[kernels.WHICH]
     place, listed = scratch.place, scratch.lists[column.u]
     still, met, others = scenery.shape[0], 0, False
     for position in range(scratch.counts[column.u]):
@@ -55,14 +38,14 @@ def meet(column: Column, scenery: Any, scratch: Scratch) -> tuple[int, bool]:
         row = scenery[item]
         ldx, ldy = turned(row, column.dx, column.dy)
         t, out = cross(place[item, 0], place[item, 1], ldx, ldy, row[HALF_X], row[HALF_Y])
-        if t >= out or t < NEAR:
+        if t >= out or t < kernels.NEAR:
             continue
         slot = met
         while slot > 0 and first[slot - 1] > t:
             slot -= 1
-        if slot >= HITS:
+        if slot >= kernels.HITS:
             continue
-        met = min(met + 1, HITS)
+        met = min(met + 1, kernels.HITS)
         for move in range(met - 1, slot, -1):
             first[move], last[move], which[move] = first[move - 1], last[move - 1], which[move - 1]
         first[slot], last[slot], which[slot] = t, out, item
@@ -94,7 +77,7 @@ def paint_others(column: Column, scenery: Any, scratch: Scratch) -> None:
 def cast(column: Column, scene: Scene, scratch: Scratch) -> None:
     """Paint the rows of a column."""
     work, place = scratch.work, scratch.place
-    first, last, which = work[FIRST], work[LAST], work[WHICH]
+    first, last, which = work[kernels.FIRST], work[kernels.LAST], work[kernels.WHICH]
     for v in range(column.v0, column.v1):
         column.depth[v] = 1e9
         column.shade[v] = 1.0
@@ -118,7 +101,7 @@ def column_into(u: int, eye: Eye, camera: Any, look: Any, scene: Scene, scratch:
     """Paint column u on the canvas; its solids are listed and its rows are set."""
     height = scratch.canvas.shape[0]
     focal, cy = camera[FOCAL], camera[CY]
-    slopes, depth, shade = scratch.rows[SLOPES], scratch.work[DEPTH], scratch.work[SHADE]
+    slopes, depth, shade = scratch.rows[kernels.SLOPES], scratch.work[kernels.DEPTH], scratch.work[kernels.SHADE]
     # A third of a column to the right.
     ex, ey = 0.33 * eye.ahead_y / focal, -0.33 * eye.ahead_x / focal
     left = (camera[CX] - u) / focal

@@ -26,6 +26,7 @@ OTHER = USER_COLOUR + 1
 """Columns of a road user: x, y, yaw, length, width, height, kind (0 vehicle, 1 pedestrian), colour."""
 
 _NOBODY = np.zeros((0, OTHER))
+_paint: Any = pictures_into  # mypy does not count arguments in tuples
 
 
 def _fixed(world: World, camera: Camera, others: int) -> tuple[Any, ...]:
@@ -52,13 +53,9 @@ def _shops() -> Numbers:
 class Renderer:
     """A camera in a world under one weather.
 
-    Use one renderer for each thread: it reuses the arrays that it paints with.
-
-    Args:
-        world: see :meth:`World.of`.
-        camera: mounting and optics; the benchmark's by default.
-        weather: name of the weather, one of CARLA's presets. Example: ``"WetNoon"``.
-        seed: seed of the rain; an episode takes its trial's.
+    Use one renderer for each thread: it reuses the arrays that it paints with. The camera is the benchmark's by
+    default, the weather one of CARLA's presets, such as ``"WetNoon"``. ``seed`` is that of the rain; an episode takes
+    its trial's.
 
     Raises:
         UnknownWeatherError: the weather does not exist.
@@ -83,12 +80,9 @@ class Renderer:
     ) -> tuple[Image, Image]:
         """Return what a car at (x, y, yaw) sees, as new arrays.
 
-        Args:
-            x: the middle of the car's body, metres, town frame.
-            y: the middle of the car's body, metres, town frame.
-            yaw: heading in radians, counter-clockwise from east.
-            tick: number of the decision; each has other raindrops.
-            others: (N, 8) other road users: x, y, yaw, length, width, height, kind (0 vehicle, 1 pedestrian), colour.
+        The place is that of the body's middle, metres, and the heading radians, counter-clockwise from east. ``tick``
+        is the number of the decision; each has other raindrops. ``others`` (N, 8) are other road users: x, y, yaw,
+        length, width, height, kind (0 vehicle, 1 pedestrian), colour.
 
         Returns:
             RGB, (height, width, 3) uint8, and segmentation, (height, width) uint8.
@@ -96,15 +90,6 @@ class Renderer:
         Raises:
             CameraError: a number is not finite or an array has another shape.
         """
-        shape = self.camera.height, self.camera.width
-        rgb, segmentation = np.empty((*shape, 3), np.uint8), np.empty(shape, np.uint8)
-        self.render_into(x, y, yaw, tick, others, rgb, segmentation)
-        return rgb, segmentation
-
-    def render_into(
-        self, x: float, y: float, yaw: float, tick: int, others: Numbers | None, rgb: Image, segmentation: Image
-    ) -> None:
-        """Paint what :meth:`render` returns into given arrays."""
         if others is None or len(others) == 0:
             others = _NOBODY
         else:
@@ -114,11 +99,13 @@ class Renderer:
                 self._fixed = _fixed(self.world, self.camera, self._room)
         self._pose[0] = x, y, yaw
         _finite("pose", self._pose)
-        _check_images(self.camera, 1, rgb[None], segmentation[None])
         self._ticks[0] = tick
         self._begins[1] = len(others)
-        images = rgb[None], segmentation[None]
-        pictures_into(self._pose, self._seeds, self._ticks, others, self._begins, self._look, *self._fixed, *images)
+        shape = 1, self.camera.height, self.camera.width
+        rgb, segmentation = np.empty((*shape, 3), np.uint8), np.empty(shape, np.uint8)
+        numbers = self._pose, self._seeds, self._ticks, others, self._begins, self._look
+        _paint(*numbers, *self._fixed, rgb, segmentation)
+        return rgb[0], segmentation[0]
 
 
 def render_batch(
@@ -136,20 +123,11 @@ def render_batch(
 ) -> None:
     """Paint what each of many cars sees; the cars do not see each other, but each may have other road users.
 
-    The bytes equal those of :meth:`Renderer.render`, with any number of threads.
-
-    Args:
-        world: the world of all cars.
-        camera: the camera of all cars.
-        looks: (N, k) rows of :func:`look_of`.
-        seeds: (N,) seeds of the rain, whole numbers.
-        poses: (N, 3): x, y, yaw.
-        ticks: (N,) numbers of the decisions.
-        rgb: (N, height, width, 3) uint8, written to.
-        segmentation: (N, height, width) uint8, written to.
-        threads: number of threads that share the work.
-        others: (M, 8) other road users as for :meth:`Renderer.render`, those of the first car first. None: nobody.
-        begins: (N + 1,): where those of each car begin.
+    The bytes equal those of :meth:`Renderer.render`, with any number of ``threads``. ``looks`` (N, SIZE) are rows of
+    :func:`look_of`, ``seeds`` (N,) those of the rain, ``poses`` (N, 3) x, y, yaw, ``ticks`` (N,) numbers of the
+    decisions. ``rgb`` (N, height, width, 3) and ``segmentation`` (N, height, width), uint8, are written to. ``others``
+    (M, 8) are other road users as for :meth:`Renderer.render`, those of the first car first, and ``begins`` (N + 1,)
+    says where those of each car begin; None: nobody.
 
     Raises:
         CameraError: an array has another shape or type, or a number is not finite.
@@ -174,7 +152,7 @@ def render_batch(
     def paint(part: slice) -> None:
         first, end = part.start, part.stop + 1
         numbers = poses[part], folded[part], counted[part], shown, begun[first:end], looks[part]
-        pictures_into(*numbers, *_fixed(world, camera, most), rgb[part], segmentation[part])
+        _paint(*numbers, *_fixed(world, camera, most), rgb[part], segmentation[part])
 
     if threads == 1 or number < 2:
         paint(slice(0, number))

@@ -4,22 +4,8 @@ import math
 from typing import Any, Final, NamedTuple
 
 from wrongturn_protocol.segmentation import SegmentationClass
-from wrongturn_sim.camera.kernels import (
-    Colour,
-    Column,
-    clamp,
-    first_row,
-    floor,
-    haze_at,
-    kernel,
-    mix,
-    noise,
-    put_hazed,
-    put_lit,
-    toned,
-    triple,
-    turned,
-)
+from wrongturn_sim.camera import kernels
+from wrongturn_sim.camera.kernels import Colour, Column, clamp, first_row, kernel, toned, triple, turned
 from wrongturn_sim.camera.solids import BOUND, CAR, COS, HALF_X, HALF_Y, HEIGHT, KIND, R2, SEED, SIN, WALKER, R, X, Y
 from wrongturn_sim.camera.weathers import HORIZON, SKYLIGHT, SUN, SUNLIGHT, ZENITH
 
@@ -99,8 +85,8 @@ def row_of_other(other: Any, row: Any) -> None:
     colour = int(other[USER_COLOUR])
     row[SEED] = colour & 0xFFFF
     row[KIND] = CAR if other[USER_KIND] < 0.5 else WALKER
-    row[R], row[R + 1], row[R + 2] = PAINTS[int(noise(colour, 3, 1) * 9.999)]
-    legs = 40.0 + 60.0 * noise(colour, 5, 2)
+    row[R], row[R + 1], row[R + 2] = PAINTS[int(kernels.noise(colour, 3, 1) * 9.999)]
+    legs = 40.0 + 60.0 * kernels.noise(colour, 5, 2)
     row[R2], row[R2 + 1], row[R2 + 2] = legs, legs, legs * 1.25
 
 
@@ -269,7 +255,7 @@ def car(column: Column, x: float, y: float, row: Any) -> None:
     # Of a vehicle that is lower than the camera, the top is seen too.
     a = first_row(0.0 if body.height < eye else (body.height - eye) / nearest, column)
     b = column.v1 if above else first_row(-eye / nearest, column)
-    haze = haze_at(0.0 if above else nearest, look)
+    haze = kernels.haze_at(0.0 if above else nearest, look)
     sun_x, sun_y = turned(row, look[SUN], look[SUN + 1])
     lower = Box(body.half_x, body.half_y, SILL, body.belt, 0.10, 0.06, 0.05)
     for v in range(a, b):
@@ -310,7 +296,7 @@ def car_pixel(column: Column, v: int, paint: Colour, sun: float, gloss: float, h
     green = paint[1] * (0.9 * skylight[1] + sun * sunlight[1])
     blue = paint[2] * (0.9 * skylight[2] + sun * sunlight[2])
     sky = 0.5 * (horizon[0] + zenith[0]), 0.5 * (horizon[1] + zenith[1]), 0.5 * (horizon[2] + zenith[2])
-    put_hazed(column, v, mix((red, green, blue), sky, gloss), haze, _VEHICLE)
+    kernels.put_hazed(column, v, kernels.mix((red, green, blue), sky, gloss), haze, _VEHICLE)
 
 
 @kernel
@@ -330,10 +316,10 @@ def walker(column: Column, row: Any) -> None:
     height = row[HEIGHT]
     a = first_row((height - eye) / t, column)
     b = first_row(-eye / t, column)
-    haze = haze_at(t, column.look)
+    haze = kernels.haze_at(t, column.look)
     # The stride follows the distance that the person has walked.
     phase = (row[X] * row[COS] + row[Y] * row[SIN]) * 1.3
-    stride = 0.25 + 0.75 * abs(2.0 * (phase - floor(phase)) - 1.0)
+    stride = 0.25 + 0.75 * abs(2.0 * (phase - kernels.floor(phase)) - 1.0)
     sun = 0.6 if aside > 0.0 else 0.35
     for v in range(a, b):
         if t >= column.depth[v]:
@@ -358,4 +344,4 @@ def walker(column: Column, row: Any) -> None:
                 continue
             colour = triple(row, R2) if y >= 0.05 else (30.0, 30.0, 30.0)
         column.depth[v] = t
-        put_lit(column, v, colour, sun, haze, _PEDESTRIAN)
+        kernels.put_lit(column, v, colour, sun, haze, _PEDESTRIAN)

@@ -11,13 +11,7 @@ from numpy.typing import NDArray
 from wrongturn_networks import SceneryKind, SceneryObject
 
 HOUSE, WALL, HEDGE, TREE, FENCE, CAR, WALKER = range(7)
-KINDS: Final = {
-    SceneryKind.HOUSE: HOUSE,
-    SceneryKind.WALL: WALL,
-    SceneryKind.HEDGE: HEDGE,
-    SceneryKind.TREE: TREE,
-    SceneryKind.FENCE: FENCE,
-}
+KINDS: Final = {SceneryKind(name): kind for kind, name in enumerate(("house", "wall", "hedge", "tree", "fence"))}
 
 # Columns of a row. Every picture reads the first eight of every solid: they fill one line of the processor's cache.
 X, Y, BOUND, KIND, COS, SIN, HALF_X, HALF_Y = range(8)
@@ -43,6 +37,12 @@ _FACADES: Final = (
 _ROOFS: Final = ((150, 78, 58), (86, 90, 98), (108, 84, 66), (122, 58, 48), (70, 72, 76))
 _TRIMS: Final = ((236, 232, 222), (214, 206, 190), (92, 74, 60), (74, 84, 78))
 _SHOPS: Final = ((150, 44, 42), (38, 78, 120), (40, 98, 72), (196, 150, 52), (70, 60, 88))
+_OTHERS: Final = {
+    SceneryKind.WALL: ((190, 168, 118), (168, 104, 82), (170, 166, 158), (204, 188, 150)),
+    SceneryKind.HEDGE: ((54, 88, 40), (66, 98, 44), (48, 78, 46)),
+    SceneryKind.FENCE: ((226, 222, 212), (126, 92, 62), (92, 84, 74)),
+    SceneryKind.TREE: ((70, 106, 44), (88, 116, 46), (58, 92, 50), (104, 112, 44)),
+}
 BRICK_STYLE: Final = 1.0
 
 
@@ -77,19 +77,12 @@ def _row(item: SceneryObject) -> NDArray[np.float64]:
         row[[R2, G2, B2]] = draw.choice(_ROOFS if pitched else _TRIMS[:2])
         row[WIDE], row[TALL] = draw.uniform(0.36, 0.56), draw.uniform(0.42, 0.56)
         row[SHOP] = float(draw.randrange(1, 1 + len(_SHOPS))) if storeys > 1 and draw.random() < 0.3 else 0.0
-    elif item.kind is SceneryKind.WALL:
-        row[[R, G, B]] = (
-            np.array(draw.choice(((190, 168, 118), (168, 104, 82), (170, 166, 158), (204, 188, 150)))) * shade
-        )
-    elif item.kind is SceneryKind.HEDGE:
-        row[[R, G, B]] = np.array(draw.choice(((54, 88, 40), (66, 98, 44), (48, 78, 46)))) * shade
-    elif item.kind is SceneryKind.FENCE:
-        row[[R, G, B]] = np.array(draw.choice(((226, 222, 212), (126, 92, 62), (92, 84, 74)))) * shade
     else:
-        row[RADIUS], row[MIDDLE], row[HALF_Z] = crown_of(item)
-        row[BOUND] = max(row[RADIUS], row[BOUND])
-        row[[R, G, B]] = np.array(draw.choice(((70, 106, 44), (88, 116, 46), (58, 92, 50), (104, 112, 44)))) * shade
-        row[[R2, G2, B2]] = np.array((98, 78, 58)) * shade
+        if item.kind is SceneryKind.TREE:
+            row[RADIUS], row[MIDDLE], row[HALF_Z] = crown_of(item)
+            row[BOUND] = max(row[RADIUS], row[BOUND])
+            row[[R2, G2, B2]] = np.array((98, 78, 58)) * shade
+        row[[R, G, B]] = np.array(draw.choice(_OTHERS[item.kind])) * shade
     return row
 
 

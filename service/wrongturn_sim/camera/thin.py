@@ -4,19 +4,7 @@ import math
 from typing import Any
 
 from wrongturn_protocol.segmentation import SegmentationClass
-from wrongturn_sim.camera.kernels import (
-    Column,
-    clamp,
-    first_row,
-    floor,
-    grain,
-    haze_at,
-    kernel,
-    put_lit,
-    toned,
-    triple,
-    turned,
-)
+from wrongturn_sim.camera.kernels import Column, clamp, first_row, floor, grain, haze_at, kernel, put_toned, turned
 from wrongturn_sim.camera.solids import HALF_X, HALF_Z, HEIGHT, MIDDLE, R2, RADIUS, SEED, R, X, Y
 from wrongturn_sim.camera.weathers import SUN
 
@@ -59,7 +47,7 @@ def trunk(column: Column, ox: float, oy: float, along: float, reach: float, row:
         if t < column.depth[v]:
             column.depth[v] = t
             tone = 0.8 + 0.3 * grain(cross, floor((eye + column.slopes[v] * t) * 2.5), seed)
-            put_lit(column, v, toned(triple(row, R2), tone), sun, haze, _VEGETATION)
+            put_toned(column, v, row, R2, tone, sun, haze, _VEGETATION)
 
 
 @kernel
@@ -103,7 +91,7 @@ def crown(column: Column, ox: float, oy: float, along: float, reach: float, row:
         facing = nx * look[SUN] + ny * look[SUN + 1] + nz * look[SUN + 2]
         sun = clamp(0.35 + 0.65 * facing, 0.0, 1.0)
         tone = (0.66 + 0.28 * nz) * (1.0 + strength * (0.62 * (leaf - 0.5) + 0.5 * (bough - 0.5)))
-        put_lit(column, v, toned(triple(row, R), tone), sun, haze, _VEGETATION)
+        put_toned(column, v, row, R, tone, sun, haze, _VEGETATION)
 
 
 @kernel
@@ -140,4 +128,4 @@ def fence(column: Column, x: float, y: float, row: Any) -> None:
         rail = part > 0.84 or (part > 0.50 and part < 0.64) or (part > 0.16 and part < 0.30)
         if post or rail:
             column.depth[v] = t
-            put_lit(column, v, toned(triple(row, R), tone), sun, haze, _WALL)
+            put_toned(column, v, row, R, tone, sun, haze, _WALL)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +64,7 @@ def _looks() -> Mapping[Weather, WeatherLook]:
     looks = {}
     for name, table in tables.items():
         sun = {"noon": NOON, "sunset": SUNSET}[table.pop("sun")]
-        fields = {key: tuple(value) if isinstance(value, list) else value for key, value in table.items()}
+        fields: dict[str, Any] = {key: tuple(one) if isinstance(one, list) else one for key, one in table.items()}
         looks[Weather(name)] = WeatherLook(sun, **fields)
     return MappingProxyType(looks)
 

@@ -50,30 +50,16 @@ class World:
     @classmethod
     def _loaded(cls, town: Town) -> "World":
         file = home() / "camera" / f"{town.sha256}-{FORMAT}.npz"
-        kept = _read(file)
-        if kept is None:
-            made, raster = bake(town)
-            kept = (np.array([made.x, made.y, 1.0 / CELL]), raster)
-            _write(file, *kept)
-        frame, ground = kept
+        try:
+            # Opened here, because numpy leaves a broken archive open. Archives have checksums.
+            with file.open("rb") as opened, np.load(opened, allow_pickle=False) as kept:
+                frame, ground = kept["frame"], kept["ground"]
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+            made, ground = bake(town)
+            frame = np.array([made.x, made.y, 1.0 / CELL])
+            _write(file, frame, ground)
         scenery = rows_of(town.scenery)
         return cls(town.name, town.sha256, ground, frame, scenery)
-
-
-def _read(file: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]] | None:
-    """Return the ground's frame and raster from a file; None if the file is missing or broken."""
-    try:
-        # Opened here, because numpy leaves a broken archive open.
-        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as kept:
-            frame, ground, checksum = kept["frame"], kept["ground"], int(kept["checksum"])
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
-        return None
-    fits = frame.dtype == np.float64 and frame.shape == (3,) and ground.dtype == np.uint8 and ground.ndim == 2
-    return (frame, ground) if fits and checksum == _checksum(ground) else None
-
-
-def _checksum(ground: NDArray[np.uint8]) -> int:
-    return int(np.bitwise_xor.reduce(ground, axis=None)) << 40 | int(ground.sum(dtype=np.int64))
 
 
 def _write(file: Path, frame: NDArray[np.float64], ground: NDArray[np.uint8]) -> None:
@@ -83,7 +69,7 @@ def _write(file: Path, frame: NDArray[np.float64], ground: NDArray[np.uint8]) ->
         handle, name = tempfile.mkstemp(dir=file.parent, suffix=".npz")
         try:
             with os.fdopen(handle, "wb") as opened:
-                np.savez(opened, frame=frame, ground=ground, checksum=_checksum(ground))
+                np.savez(opened, frame=frame, ground=ground)
             Path(name).replace(file)
         except OSError:
             Path(name).unlink(missing_ok=True)

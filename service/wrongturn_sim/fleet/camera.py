@@ -1,7 +1,7 @@
 """Pictures of a fleet: one batch for each decision."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -13,34 +13,23 @@ from wrongturn_sim.fleet.fleet import Fleet
 if TYPE_CHECKING:
     from wrongturn_sim.camera.cuda import CudaRenderer
 
-Backend = Literal["cpu", "cuda"]
-BACKENDS: Final = ("cpu", "cuda")
-
 _KINDS: Final = {weather: kind for kind, weather in enumerate(Weather)}
 
 
 class FleetCamera:
     """Renders what each ego of a fleet sees.
 
-    Args:
-        fleet: the fleet.
-        camera: camera of all its egos.
-        track: ``camera`` or ``segmentation``.
-        threads: number of threads; the bytes do not depend on it.
-        backend: ``cpu`` or ``cuda``. With ``cuda`` the pictures are rendered on a GPU and stay there, as
-            :class:`~wrongturn_sim.camera.cuda.DeviceImages`.
+    The benchmark's camera is the default, the track ``camera`` or ``segmentation``. The bytes do not depend on the
+    number of threads. With the backend ``cuda`` the pictures are rendered on a GPU and stay there, as
+    :class:`~wrongturn_sim.camera.cuda.DeviceImages`.
 
     Raises:
-        CameraError: the backend is unknown, or there is no GPU.
+        CameraError: there is no GPU.
     """
 
-    def __init__(
-        self, fleet: Fleet, camera: Camera, track: Track, threads: int, backend: Backend | str = "cpu"
-    ) -> None:
-        if backend not in BACKENDS:
-            raise CameraError(f"backend: is {backend!r}; give one of {', '.join(BACKENDS)}")
+    def __init__(self, fleet: Fleet, camera: Camera | None, track: Track, threads: int, backend: str = "cpu") -> None:
         self._fleet = fleet
-        self._camera = camera
+        self._camera = camera = camera or Camera()
         self._threads = threads
         self._world = World.of(fleet.town)
         self._table = np.array([look_of(weather) for weather in Weather])
@@ -49,13 +38,9 @@ class FleetCamera:
         self._seeds = np.zeros(fleet.count, np.int64)
         self._gpu = self._on_gpu() if backend == "cuda" else None
         shape = (fleet.count, camera.height, camera.width)
-        rgb: Any
-        segmentation: Any
-        if self._gpu is None:
-            rgb, segmentation = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.uint8)
-        else:
-            rgb, segmentation = self._gpu.rgb, self._gpu.segmentation
-        self._rgb, self._segmentation = rgb, segmentation
+        gpu: Any = self._gpu
+        self._rgb: Any = np.zeros((*shape, 3), np.uint8) if gpu is None else gpu.rgb
+        self._segmentation: Any = np.zeros(shape, np.uint8) if gpu is None else gpu.segmentation
         self.pictures: Observation = {"rgb": self._rgb}
         """(n, height, width, 3) and, in the segmentation track, (n, height, width); each rendering overwrites them."""
         if track is Track.SEGMENTATION:

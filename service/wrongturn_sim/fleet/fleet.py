@@ -66,21 +66,11 @@ class Record:
 class Fleet:
     """A number of egos. :meth:`begin` starts their trials, :meth:`step` drives some or all of them.
 
-    Args:
-        town: town of all trials.
-        count: number of egos.
-        track: decides what observations show, except for pictures, which :class:`FleetCamera` makes.
-        threads: number of threads; the bytes do not depend on it.
-        strict: for training: a journey ends when the car leaves its road or lane, or stands.
-        record: keep what :meth:`record` returns, 45 kB a minute for each ego.
-        drive_on: seconds after which each drive is truncated; no verdict ends it before. The outcome is still that of
-            the first row that decides it, and None if the drive is over before. To judge the whole drive by other
-            thresholds, give the record's trajectory to :func:`wrongturn_judge.judge`. None: each drive ends with
-            its verdict.
-        traffic: how the other road users of trials that have some behave. None: such trials are refused.
-
-    Raises:
-        ValueError: ``drive_on`` is not a positive, finite number.
+    The arguments are those of :class:`~wrongturn_sim.fleet.vector_env.WrongturnVectorEnv`. The track decides what
+    observations show, except for pictures, which :class:`FleetCamera` makes. ``record`` keeps what :meth:`record`
+    returns, 45 kB a minute for each ego. With ``drive_on`` the outcome is still that of the first row that decides it,
+    and None if the drive is over before. To judge the whole drive by other thresholds, give the record's trajectory to
+    :func:`wrongturn_judge.judge`.
     """
 
     def __init__(
@@ -95,8 +85,6 @@ class Fleet:
         drive_on: float | None = None,
         traffic: FleetTraffic | None = None,
     ) -> None:
-        if drive_on is not None and not (math.isfinite(drive_on) and drive_on > 0):
-            raise ValueError(f"drive_on: is {drive_on!r}; give a positive, finite number of seconds, or None")
         self.town = town
         self.count = count
         self.strict = strict
@@ -146,29 +134,24 @@ class Fleet:
     def ended(self) -> NDArray[np.bool_]:
         """Whether each ego's drive is over, (n,): it has its verdict, or drove on until its time was up."""
         if self._drive_on:
-            over: NDArray[np.bool_] = self._egos.sub_steps >= self._drive_on
-            return over
-        ended: NDArray[np.bool_] = self._judged("verdict") != 0
-        return ended
+            return self._egos.sub_steps >= self._drive_on
+        return self._judged("verdict").astype(np.bool_)
 
     @property
     def ran_out(self) -> NDArray[np.bool_]:
         """Whether each ego's time ran out, (n,)."""
         if self._drive_on:
             return self.ended
-        ran_out: NDArray[np.bool_] = self._judged("ran_out") != 0
-        return ran_out
+        return self._judged("ran_out").astype(np.bool_)
 
     def _judged(self, name: str) -> NDArray[np.int64]:
         """Return a field of the judges' states, (n,)."""
-        found: NDArray[np.int64] = self._egos.judged.view(decide.STATE)[name][:, 0]
-        return found
+        return np.asarray(self._egos.judged.view(decide.STATE)[name][:, 0])
 
     @property
     def waits(self) -> NDArray[np.bool_]:
         """Whether other road users oblige each ego to stand or to creep, (n,)."""
-        waits: NDArray[np.bool_] = self.permitted < WAITING
-        return waits
+        return self.permitted < WAITING
 
     @property
     def permitted(self) -> NDArray[np.float64]:
@@ -180,14 +163,10 @@ class Fleet:
         """Direction of each ego's route at the junction ahead or around it, (n,), also before its window; 0: none."""
         progress = self._egos.progress.view(guide.PROGRESS)[:, 0]
         gates = self._roads.gates[progress["leg"], np.maximum(progress["gate"], 0)]
-        turns: NDArray[np.int64] = np.where(progress["gate"] >= 0, gates["direction"], 0)
-        return turns
+        return np.where(progress["gate"] >= 0, gates["direction"], 0)
 
     def others(self, chosen: NDArray[np.integer[Any]]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the road users that some egos see, for pictures.
-
-        Args:
-            chosen: (k,), the egos.
+        """Return the road users that some egos (k,) see, for pictures.
 
         Returns:
             (m, 8): x, y, yaw, length, width, height, kind, colour, the egos' one after the other, each one's nearest
@@ -200,10 +179,7 @@ class Fleet:
         return others.pictures[chosen][shown], begins
 
     def begin(self, trials: Iterable[tuple[int, Trial]]) -> None:
-        """Begin trials.
-
-        Args:
-            trials: number of the ego, and its trial.
+        """Begin trials, each given with the number of its ego.
 
         Raises:
             TrialNotAloneError: a trial has another town, or other road users although the fleet has no traffic.
@@ -245,11 +221,9 @@ class Fleet:
                 self._note(i, 1)
 
     def step(self, actions: NDArray[np.float32], which: NDArray[np.bool_]) -> None:
-        """Drive some egos for 0.1 s, or until their drive is over.
+        """Drive the egos of ``which`` (n,) for 0.1 s, or until their drive is over; none of them has ended.
 
-        Args:
-            actions: (n, 3) float32: steer, throttle, brake, in their ranges.
-            which: (n,), the egos to drive; none of them has ended.
+        ``actions`` (n, 3) float32 are steer, throttle, brake, in their ranges.
         """
         egos = self._egos
         egos.actions[:] = actions

@@ -68,8 +68,7 @@ class Others(NamedTuple):
 
     def of(self, name: str) -> Array:
         """Return a field of all egos' traffic, (n,)."""
-        found: Array = self.traffic.view(TRAFFIC)[name][:, 0]
-        return found
+        return np.asarray(self.traffic.view(TRAFFIC)[name][:, 0])
 
 
 class Ego(NamedTuple):

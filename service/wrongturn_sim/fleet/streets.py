@@ -15,8 +15,7 @@ from wrongturn_networks import Town
 from wrongturn_sim.polyline import measure
 from wrongturn_sim.roads import roads_of
 from wrongturn_sim.traffic.plan import BODIES
-from wrongturn_sim.traffic.sidewalks import Sidewalks, sidewalks_of
-from wrongturn_sim.traffic.slots import car_slots, pedestrian_slots
+from wrongturn_sim.traffic.slots import Sidewalks, car_slots, pedestrian_slots, sidewalks_of
 
 CROSSES, YIELDS = 1, 2
 """Bits of a rule: the two ways cross or merge; the first one must give way to the second."""

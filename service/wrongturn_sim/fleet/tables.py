@@ -24,10 +24,8 @@ from wrongturn_sim.route import way_to
 class FleetTables:
     """The tables of a fleet in one town. They grow with the approaches and goals of its trials.
 
-    Args:
-        town: the town.
-        traffic: whether its streets have other road users.
-        drive_on: sub-steps after which each drive is over; 0 ends it with its verdict.
+    With ``traffic`` its streets have other road users. Each drive is over after ``drive_on`` sub-steps; 0 ends it with
+    its verdict.
     """
 
     def __init__(self, town: Town, *, traffic: bool, drive_on: int) -> None:

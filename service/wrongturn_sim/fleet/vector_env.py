@@ -6,6 +6,7 @@ It needs neither SUMO nor other processes. Each car drives alone, and its observ
 same bytes as in :class:`~wrongturn_sim.gym_env.WrongturnSimEnv`.
 """
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -25,7 +26,6 @@ from wrongturn_sim.trial_source import TrialSource, a_flag, picture_size
 
 if TYPE_CHECKING:
     from wrongturn_sim.camera import Camera
-    from wrongturn_sim.fleet.camera import FleetCamera
 
 
 class WrongturnVectorEnv(TrialVectorEnv):
@@ -88,8 +88,8 @@ class WrongturnVectorEnv(TrialVectorEnv):
         whole_number("threads", threads)
         for name, flag in (("strict", strict), ("record", record), ("copy", copy)):
             a_flag(name, flag)
-        if drive_on is not None and (not isinstance(drive_on, int | float) or not drive_on > 0):
-            raise OptionError(f"drive_on: is {drive_on!r}; give seconds, more than 0, or None")
+        if drive_on is not None and (not isinstance(drive_on, int | float) or not 0 < drive_on < math.inf):
+            raise OptionError(f"drive_on: is {drive_on!r}; give seconds, more than 0 and finite, or None")
         if own_traffic is not None and not isinstance(own_traffic, FleetTraffic):
             raise OptionError(f"own_traffic: is {own_traffic!r}; give a FleetTraffic, such as FleetTraffic()")
         if backend not in ("cpu", "cuda"):
@@ -118,8 +118,11 @@ class WrongturnVectorEnv(TrialVectorEnv):
             drive_on=drive_on,
             traffic=own_traffic,
         )
-        has_pictures = self.track in {Track.CAMERA, Track.SEGMENTATION}
-        self._camera = self._camera_of(camera, threads, backend) if has_pictures else None
+        self._camera = None
+        if self.track in {Track.CAMERA, Track.SEGMENTATION}:
+            from wrongturn_sim.fleet import camera as pictures  # noqa: PLC0415 - slow, and only pictures need it
+
+            self._camera = pictures.FleetCamera(self._fleet, camera, self.track, threads, backend)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -202,12 +205,6 @@ class WrongturnVectorEnv(TrialVectorEnv):
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
         """Stop the threads."""
         self._fleet.close()
-
-    def _camera_of(self, camera: "Camera | None", threads: int, backend: str) -> "FleetCamera":
-        from wrongturn_sim.camera import Camera  # noqa: PLC0415 - slow, and only pictures need it
-        from wrongturn_sim.fleet.camera import FleetCamera  # noqa: PLC0415
-
-        return FleetCamera(self._fleet, camera or Camera(), self.track, threads, backend)
 
     def _draw(self, i: int, given: Trial | str | None = None) -> Trial:
         return self._source.draw(self._randoms[i]) if given is None else self._source.find(given)

@@ -51,7 +51,7 @@ class Crowd:
         """Insert all road users, which appear with SUMO's next steps; return their looks, by their numbers."""
         sumo, plan = self._sumo, self._plan
         for body in sorted({car.body for car in plan.cars}, key=lambda body: body.name):
-            kind = _type(body.name)
+            kind = f"wrongturn-{body.name}"
             sumo.vehicletype.copy("DEFAULT_VEHTYPE", kind)
             sumo.vehicletype.setLength(kind, body.length)
             sumo.vehicletype.setWidth(kind, body.width)
@@ -83,7 +83,7 @@ class Crowd:
         sumo.route.add(route, trip.edges)
         lane = trip.lane.removeprefix(f"{trip.edges[0]}_")
         at = trip.at * sumo.lane.getLength(trip.lane)
-        kind = _type(self._plan.cars[self._bodies[name].number].body.name)
+        kind = f"wrongturn-{self._plan.cars[self._bodies[name].number].body.name}"
         sumo.vehicle.add(name, route, kind, depart="now", departLane=lane, departPos=repr(at), departSpeed="max")
 
     def update(self, x: float, y: float) -> list[Sighting]:
@@ -120,7 +120,3 @@ class Crowd:
         """Return the number of road users that SUMO has not inserted yet."""
         here: int = self._sumo.vehicle.getIDCount() + self._sumo.person.getIDCount() - 1
         return len(self._bodies) - here
-
-
-def _type(body: str) -> str:
-    return f"wrongturn-{body}"

@@ -13,8 +13,7 @@ from wrongturn_networks import Town
 from wrongturn_protocol import Trial
 from wrongturn_sim.errors import TrafficTooDenseError
 from wrongturn_sim.route import Navigator, Pose
-from wrongturn_sim.traffic.sidewalks import length_of, sidewalks_of
-from wrongturn_sim.traffic.slots import FIRST, JITTER, Slots, car_slots, pedestrian_slots
+from wrongturn_sim.traffic.slots import FIRST, JITTER, Slots, car_slots, length_of, pedestrian_slots, sidewalks_of
 
 DRIVE_LENGTH: Final = 1200.0
 """Length of a car's trips in all, metres: more than it can drive within the time limit."""

@@ -46,15 +46,10 @@ def check_film(file: Path) -> None:
 
 
 def write_film(file: Path, frames: Iterable[Image], *, rate: int = FRAMES_A_SECOND, small: bool = False) -> int:
-    """Write a film and return its number of frames. The last picture stays for a while.
+    """Write a film with ``rate`` frames a second and return their number. The last picture stays for a while.
 
-    The same pictures give the same bytes with the same version of PyAV.
-
-    Args:
-        file: the file; its suffix, ``.mp4`` or ``.webp``, chooses the format.
-        frames: pictures of one size with even sides, RGB uint8 (height, width, 3), one at least.
-        rate: frames a second.
-        small: whether a small file is worth coarser pictures.
+    The frames are pictures of one size with even sides, RGB uint8 (height, width, 3), one at least. A ``small`` film
+    has coarser ones. The same pictures give the same bytes with the same version of PyAV.
 
     Raises:
         FilmError: The file's name ends otherwise, or it cannot be written.

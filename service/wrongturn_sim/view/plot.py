@@ -10,7 +10,6 @@ from wrongturn_networks import Town
 from wrongturn_protocol import Outcome, Safety
 from wrongturn_sim.errors import DependencyMissingError
 from wrongturn_sim.view import colours, scene
-from wrongturn_sim.view.ground import draw_ground
 from wrongturn_sim.view.window import Points
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ def plot_episode(town: Town, trajectory: Trajectory, outcome: Outcome | None) ->
     # Notebooks show figures that pyplot made; those it still holds they would show twice.
     pyplot.close(figure)
     sides = (window.x - half, window.x + half, window.y - half, window.y + half)
-    above.imshow(draw_ground(town, window), extent=sides)
+    above.imshow(scene.draw_ground(town, window), extent=sides)
     way: Points = np.array([(row.x, row.y) for row in rows])
     pieces = np.stack([way[:-1], way[1:]], axis=1)
     coloured = LineCollection(list(pieces), cmap=ListedColormap(colours.SPEEDS / 255), linewidth=3)

@@ -1,19 +1,21 @@
-"""What happens in an episode, drawn over its town."""
+"""A town from above, and what happens in an episode, drawn over it."""
 
 import math
 from typing import Final
 
 import cv2
 import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
 
 from wrongturn_judge.trajectory import RoadUser, Row
 from wrongturn_networks import Town
+from wrongturn_networks.scenery import SceneryKind
 from wrongturn_protocol import VEHICLE, Command, Outcome, Safety
 from wrongturn_sim.ego import SUB_STEP
 from wrongturn_sim.view import colours
 from wrongturn_sim.view.colours import Colour
-from wrongturn_sim.view.lettering import width_of, write
-from wrongturn_sim.view.window import Image, Points, Window, box
+from wrongturn_sim.view.window import Image, Points, Window, box, width_of, write
 
 LEAST: Final = 40.0
 """Side of the smallest window, metres."""
@@ -30,6 +32,10 @@ _FOOTPRINTS: Final = 60
 """Number of footprints of a long way, about."""
 _PEDESTRIAN: Final = 0.5
 """Length of a pedestrian, metres."""
+
+_PLANTS: Final = {SceneryKind.TREE, SceneryKind.HEDGE}
+_STOP_LINE: Final = 0.4
+"""Width of a stop line, metres."""
 
 
 def name_of(command: int) -> str:
@@ -61,6 +67,52 @@ def whole_window(town: Town, rows: list[Row], approach: str | None, size: int) -
         low, high = np.minimum(low, area[:2]), np.maximum(high, area[2:])
     x, y = ((low + high) / 2).tolist()
     return Window(x, y, max(LEAST, float((high - low).max()) + 2 * _MARGIN), size)
+
+
+def draw_ground(town: Town, window: Window) -> Image:
+    """Return the town's part that a window shows, without any road user."""
+    image = np.full((window.size, window.size, 3), colours.GROUND, np.uint8)
+    half = window.extent / 2 + 1.0
+    shown = shapely.box(window.x - half, window.y - half, window.x + half, window.y + half)
+    _area(image, window, town.sidewalks.intersection(shown), colours.SIDEWALK)
+    _scenery(image, window, town)
+    _area(image, window, town.road.intersection(shown), colours.ROAD)
+    for junction in town.junctions.values():
+        if junction.area.intersects(shown):
+            _area(image, window, junction.area, colours.JUNCTION)
+    for ring in _rings(town.road.intersection(shown)):
+        window.line(image, ring, colours.EDGE, 1, closed=True)
+    for approach in town.approaches.values():
+        across = (
+            np.array([-math.sin(approach.heading), math.cos(approach.heading)]) * town.lanes[approach.lane].width / 2
+        )
+        ends = np.array(approach.stop_line) + np.stack([across, -across])
+        window.line(image, ends, colours.STOP_LINE, _STOP_LINE * window.scale)
+    return image
+
+
+def _area(image: Image, window: Window, area: BaseGeometry, colour: Colour) -> None:
+    rings = _rings(area)
+    if rings:
+        window.fill(image, rings, colour)
+
+
+def _rings(area: BaseGeometry) -> list[Points]:
+    """Return the outlines and the holes of an area's polygons."""
+    polygons = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon" and not part.is_empty]
+    return [np.array(ring.coords) for polygon in polygons for ring in (polygon.exterior, *polygon.interiors)]
+
+
+def _scenery(image: Image, window: Window, town: Town) -> None:
+    for thing in town.scenery:
+        reach = thing.length + thing.width + window.extent / 2
+        if max(abs(thing.x - window.x), abs(thing.y - window.y)) > reach:
+            continue
+        colour = colours.PLANT if thing.kind in _PLANTS else colours.BUILDING
+        footprint = thing.footprint()
+        if thing.crown_radius:
+            footprint = footprint.centroid.buffer(thing.crown_radius)
+        window.fill(image, [np.array(footprint.exterior.coords)], colour)
 
 
 def draw_trail(image: Image, window: Window, rows: list[Row], fastest: float) -> None:

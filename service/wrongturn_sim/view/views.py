@@ -13,9 +13,7 @@ from wrongturn_protocol import Outcome, Safety, Trial, View
 from wrongturn_sim.ego import SUB_STEP
 from wrongturn_sim.errors import ViewError
 from wrongturn_sim.view import colours, scene
-from wrongturn_sim.view.ground import draw_ground
-from wrongturn_sim.view.lettering import Line, panel, write
-from wrongturn_sim.view.window import Image, Window
+from wrongturn_sim.view.window import Image, Line, Window, panel, write
 
 VIEW_SIZE: Final = 480
 """Side of the view from above while an episode is driven, pixels."""
@@ -43,11 +41,7 @@ def checked_size(size: int) -> int:
 
 
 def view_of(name: View | str) -> View:
-    """Return a view by its name.
-
-    Raises:
-        ViewError: There is none of that name.
-    """
+    """Return a view by its name; raise ViewError if there is none."""
     if name not in set(View):
         raise ViewError(f"view: {name!r} is not known; take {', '.join(View)}")
     return View(name)
@@ -94,7 +88,7 @@ class Views:
     def _still(self) -> Image:
         """The ground of a window that stands still."""
         assert self._window is not None
-        return draw_ground(self._town, self._window)
+        return scene.draw_ground(self._town, self._window)
 
     def draw(self, view: View, moment: Moment) -> Image:
         """Return one picture, RGB uint8. Its sides are even.
@@ -115,7 +109,7 @@ class Views:
         row = self._rows[moment.index]
         if self._window is None:
             window = Window(row.x, row.y, scene.FOLLOWING, self._size)
-            image = draw_ground(self._town, window)
+            image = scene.draw_ground(self._town, window)
         else:
             window, image = self._window, self._still.copy()
         fastest = scene.fastest_of(self._rows)
@@ -191,7 +185,7 @@ def draw_picture(town: Town, trajectory: Trajectory, outcome: Outcome | None, si
     """
     rows = trajectory.rows
     window = scene.whole_window(town, rows, trajectory.trial.approach, checked_size(size))
-    image, fastest = draw_ground(town, window), scene.fastest_of(rows)
+    image, fastest = scene.draw_ground(town, window), scene.fastest_of(rows)
     scene.draw_footprints(image, window, rows, fastest)
     scene.draw_trail(image, window, rows, fastest)
     scene.draw_road_users(image, window, rows[-1].road_users)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from shapely import contains_xy
 
 from wrongturn_protocol import SegmentationClass, Weather
-from wrongturn_sim.camera import Camera, Renderer, World
+from wrongturn_sim.camera import Camera, Renderer, World, look_of, render_batch
 
 ROADLIKE = (SegmentationClass.ROAD, SegmentationClass.LANE_MARKING)
 
@@ -167,7 +167,8 @@ def test_every_pixel_is_painted(world, town, before, weather):
         pictures = []
         for fill in (0, 255):
             rgb, segmentation = np.full((64, 192, 3), fill, np.uint8), np.full((64, 192), fill, np.uint8)
-            Renderer(world, weather=weather).render_into(*pose, 0, None, rgb, segmentation)
+            looks, poses = look_of(weather)[None], np.array([pose])
+            render_batch(world, Camera(), looks, [0], poses, [0], rgb[None], segmentation[None])
             pictures.append((rgb, segmentation))
         assert np.array_equal(pictures[0][0], pictures[1][0])
         assert np.array_equal(pictures[0][1], pictures[1][1])

@@ -28,13 +28,10 @@ def poses_of(town, before, count):
     return np.array([before(approaches[i % len(approaches)], 3.0 * i) for i in range(count)])
 
 
-def test_the_same_in_two_processes_and_as_ever():
+def test_the_same_in_another_process_and_as_ever():
     """Golden: if pictures change, it must be on purpose and stand in the change log."""
-    digests = set()
-    for _ in range(2):
-        done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
-        digests.add(done.stdout.strip())
-    assert digests == {GOLDEN}
+    done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == GOLDEN
 
 
 GOLDEN = "a00e59cc8d7471cbc75ede3929059f1b7810eb8e87415a4162e1e480ad05a3dc"
@@ -122,8 +119,6 @@ def test_a_pose_must_be_finite(world, pose):
 def test_arrays_must_fit(world):
     renderer = Renderer(world)
     segmentation = np.empty((64, 192), np.uint8)
-    with pytest.raises(CameraError, match="rgb"):
-        renderer.render_into(0.0, 0.0, 0.0, 0, None, np.empty((32, 192, 3), np.uint8), segmentation)
     with pytest.raises(CameraError, match="others"):
         renderer.render(0.0, 0.0, 0.0, 0, np.zeros((1, 5)))
     with pytest.raises(CameraError, match="length"):
@@ -132,6 +127,8 @@ def test_arrays_must_fit(world):
         Renderer(world, seed=1.5)
     looks, poses = look_of("ClearNoon")[None], np.zeros((1, 3))
     rgb = np.empty((1, 64, 192, 3), np.uint8)
+    with pytest.raises(CameraError, match="rgb"):
+        render_batch(world, Camera(), looks, [0], poses, [0], rgb[:, :32], segmentation[None])
     with pytest.raises(CameraError, match="looks"):
         render_batch(world, Camera(), looks[:, :5], [0], poses, [0], rgb, segmentation[None])
     with pytest.raises(CameraError, match="threads"):
