@@ -1,15 +1,15 @@
-"""How long one decision takes in process, against the bare libsumo calls that it must make.
+"""How long one decision takes in process, against bare libsumo calls.
 
-A decision is ``Episode.step`` in the track ``state``, beside one car that needs SUMO, unwrapped: two sub-steps of
-0.05 s with their judgement, the recorded rows, the route's command, the reward and a fresh observation. The bare calls
-are two ``vehicle.moveToXY`` and two ``simulationStep`` to the same places. Both run by turns in one process and are
-timed by the processor time of their thread, so that a busy machine slows both alike; the figure is the median of the
-rounds' ratios.
+A decision is ``Episode.step`` in the track ``state``, ego alone, unwrapped: two sub-steps of 0.05 s with their
+judgement, the recorded rows, the route's command, the reward and a fresh observation. The bare calls are two
+``vehicle.moveToXY`` and two ``simulationStep`` to the same places. Both run by turns in one process and
+are timed by the processor time of their thread, so that a busy machine slows both alike; the figure is the median of
+the rounds' ratios.
 
-Both sides carry the traffic: the ratio tells what driving, seeing, recording and judging costs beside SUMO's driving
-the others. A car that drives alone takes no SUMO.
+A car that drives alone needs no SUMO; the bare calls then have one other car. With traffic both sides carry it: the
+ratio then tells what seeing, recording and judging the others costs beside SUMO's driving them.
 
-    python benchmarks/decision.py [--rounds 60] [--town junctions] [--vehicles 1] [--pedestrians 0] [--json FILE]
+    python benchmarks/decision.py [--rounds 60] [--town junctions] [--vehicles 0] [--pedestrians 0] [--json FILE]
 """
 
 import math
@@ -27,6 +27,7 @@ from wrongturn_sim.simulator import EGO, KEEP_ROUTE, load_libsumo
 DECISIONS = 30
 """Of each round: three seconds, which end before any verdict falls."""
 ACTION = (0.0, 0.3, 0.0)
+ONE = Traffic(vehicles=1)
 START = Start(distance=25.0, speed=5.0, lateral=0.0, yaw=0.0)
 
 
@@ -57,6 +58,7 @@ def measure(town_name: str, rounds: int, traffic: Traffic) -> dict[str, float]:
     trial = draw_trial(town, min(town.approaches), FaultKind.NONE, 1, traffic=traffic)
     trial = trial.model_copy(update={"start": START})
     episode = Episode(trial, Track.STATE)
+    beside = Episode(trial.model_copy(update={"traffic": traffic if traffic != Traffic() else ONE}), Track.STATE)
     drive(episode)
     calls = [
         (
@@ -73,7 +75,7 @@ def measure(town_name: str, rounds: int, traffic: Traffic) -> dict[str, float]:
     pairs = []
     for _ in range(rounds):
         ours = drive(episode)
-        episode.reset()
+        beside.reset()
         pairs.append((ours, bare(calls)))
     decision, calls_alone = (statistics.median(values) * 1e6 for values in zip(*pairs, strict=True))
     return {
@@ -87,14 +89,14 @@ def main() -> None:
     options = parser(__doc__)
     options.add_argument("--rounds", type=int, default=60)
     options.add_argument("--town", default="junctions")
-    options.add_argument("--vehicles", type=int, default=1)
+    options.add_argument("--vehicles", type=int, default=0)
     options.add_argument("--pedestrians", type=int, default=0)
     arguments = options.parse_args()
     rounds = 2 if arguments.short else arguments.rounds
     traffic = Traffic(vehicles=arguments.vehicles, pedestrians=arguments.pedestrians)
     figures = measure(arguments.town, rounds, traffic)
     print(
-        f"one decision {figures['decision_us']:.1f} us, its bare libsumo calls {figures['bare_us']:.1f} us: "
+        f"one decision {figures['decision_us']:.1f} us, bare libsumo calls {figures['bare_us']:.1f} us: "
         f"ratio {figures['ratio']:.2f} (at most 2)"
     )
     finish(figures, arguments)

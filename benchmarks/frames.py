@@ -195,7 +195,7 @@ def main() -> None:
     begin = time.perf_counter()
     Renderer(World.of(load_town(options.town))).render(0.0, 0.0, 0.0)
     started = time.perf_counter() - begin
-    bare = [measure("junctions", 20, Traffic(vehicles=1))["bare_us"]]
+    bare = [measure("junctions", 20, Traffic())["bare_us"]]
     tasks = {
         "ego alone": singly(options.town, Weather.CLEAR_NOON),
         "with 20 cars": singly(options.town, Weather.CLEAR_NOON, cars=True),
@@ -214,7 +214,7 @@ def main() -> None:
     for _ in range(rounds):
         for name, run in tasks.items():
             times[name].append(run())
-    bare.append(measure("junctions", 20, Traffic(vehicles=1))["bare_us"])
+    bare.append(measure("junctions", 20, Traffic())["bare_us"])
     print(f"town, kernels and first picture after {started:.2f} s (compiled before, or not)")
     print(f"bare libsumo calls of a decision: {bare[0]:.0f} us before, {bare[1]:.0f} us after")
     print(f"{'':28}{'median':>10}{'best':>10}{'of ours':>10}   a second, one core; the median of the rounds' ratios")

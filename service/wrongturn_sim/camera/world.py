@@ -42,10 +42,9 @@ class World:
     @classmethod
     def of(cls, town: Town) -> "World":
         """Return the world of a town: from this process or from the disk if it was made before."""
-        known = _KNOWN.get(town.sha256)
-        if known is None:
-            known = _KNOWN[town.sha256] = cls._loaded(town)
-        return known
+        if town.sha256 not in _KNOWN:
+            _KNOWN[town.sha256] = cls._loaded(town)
+        return _KNOWN[town.sha256]
 
     @classmethod
     def _loaded(cls, town: Town) -> "World":
@@ -58,8 +57,7 @@ class World:
             made, ground = bake(town)
             frame = np.array([made.x, made.y, 1.0 / CELL])
             _write(file, frame, ground)
-        scenery = rows_of(town.scenery)
-        return cls(town.name, town.sha256, ground, frame, scenery)
+        return cls(town.name, town.sha256, ground, frame, rows_of(town.scenery))
 
 
 def _write(file: Path, frame: NDArray[np.float64], ground: NDArray[np.uint8]) -> None:
