@@ -51,7 +51,9 @@ TOGETHER = {
     **{f"tests/service/test_{name}.py": "service" for name in (*_OF_ONE_SERVICE, "replays", "traffic", "views")},
     "tests/contract": "contract",
     "tests/browser": "browser",
-    "tests/exploits": "exploits",
+    "tests/exploits": "agents",
+    **{f"tests/agents/test_{name}.py": "agents" for name in ("practice", "run_files", "worker")},
+    "tests/benchmarks/test_short_forms.py": "agents",
 }
 """Folders and files that share a service which takes long to start or to fill: one worker runs all of a group. The
 longest group comes first."""
