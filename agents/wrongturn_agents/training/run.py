@@ -296,7 +296,7 @@ class Run:
                     self._recent.append((info["episode"]["r"], info["episode"]["l"]))
 
     def consider(self, steps: int) -> None:
-        """Remember the agent as it is before an update, if it drove better than any since the last held-out journeys."""
+        """Remember the agent before an update, if it drove better than any since the last held-out journeys."""
         if len(self._recent) == _EPISODES:
             self._candidates.drove(self._drives()["reward_mean"], steps)
 
