@@ -15,7 +15,7 @@ To any of them a guest may answer ``{"refused": reason}``. Instead of ``ready`` 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from wrongturn_sandbox.frames import FrameError
 from wrongturn_sandbox.rules import METADATA_LENGTH_MOST, METADATA_MOST, NAME_MOST, TENSORS_MOST
 
+_S = TypeVar("_S", dict[Any, Any], list[Any], str)
 DTYPES: Final = frozenset(
     ["bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "float16", "float32", "float64"]
 )
@@ -80,7 +81,7 @@ def pack_arrays(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
 
 def read_arrays(value: object) -> dict[str, NDArray[Any]]:
     """Return arrays of what :func:`pack_arrays` made. Distrusts all of it, and raises FrameError."""
-    return {_text(name, NAME_MOST): _array(array) for name, array in _mapping(value, TENSORS_MOST).items()}
+    return {_sized(name, str, NAME_MOST): _array(array) for name, array in _sized(value, dict, TENSORS_MOST).items()}
 
 
 def pack_description(description: Description) -> dict[str, Any]:
@@ -97,16 +98,16 @@ def pack_description(description: Description) -> dict[str, Any]:
 
 def read_description(value: object) -> Description:
     """Return the description that :func:`pack_description` made plain. Distrusts all of it, and raises FrameError."""
-    said = _mapping(value, 6)
+    said = _sized(value, dict, 6)
     if set(said) != {"inputs", "outputs", "opset", "metadata", "nodes", "parameters"}:
         raise FrameError("a description with other fields")
     return Description(
-        inputs=tuple(map(_tensor, _list(said["inputs"], TENSORS_MOST))),
-        outputs=tuple(map(_tensor, _list(said["outputs"], TENSORS_MOST))),
+        inputs=tuple(map(_tensor, _sized(said["inputs"], list, TENSORS_MOST))),
+        outputs=tuple(map(_tensor, _sized(said["outputs"], list, TENSORS_MOST))),
         opset=_count(said["opset"]),
         metadata={
-            _text(key, METADATA_LENGTH_MOST): _text(words, METADATA_LENGTH_MOST)
-            for key, words in _mapping(said["metadata"], METADATA_MOST).items()
+            _sized(key, str, METADATA_LENGTH_MOST): _sized(words, str, METADATA_LENGTH_MOST)
+            for key, words in _sized(said["metadata"], dict, METADATA_MOST).items()
         },
         nodes=_count(said["nodes"]),
         parameters=_count(said["parameters"]),
@@ -115,7 +116,7 @@ def read_description(value: object) -> Description:
 
 def read_reply(value: object) -> tuple[str, Any]:
     """Return the one key of a reply, and its value. Raises FrameError."""
-    said = _mapping(value, 2)
+    said = _sized(value, dict, 2)
     kind = next(iter(said), None)
     if kind not in {"ready", "description", "outputs", "refused", "unavailable", "busy", "ended"}:
         raise FrameError("an unknown reply")
@@ -125,11 +126,11 @@ def read_reply(value: object) -> tuple[str, Any]:
 
 
 def _array(value: object) -> NDArray[Any]:
-    parts = _list(value, 3)
+    parts = _sized(value, list, 3)
     if len(parts) != 3 or not _is_dtype(parts[0]) or not isinstance(parts[2], bytes):
         raise FrameError("no array")
     dtype = np.dtype(parts[0])
-    shape = tuple(_count(length) for length in _list(parts[1], RANK_MOST))
+    shape = tuple(_count(length) for length in _sized(parts[1], list, RANK_MOST))
     if math.prod(shape) * dtype.itemsize != len(parts[2]):
         raise FrameError("an array of another length than its shape")
     return np.frombuffer(parts[2], dtype).reshape(shape)
@@ -140,31 +141,19 @@ def _is_dtype(value: object) -> bool:
 
 
 def _tensor(value: object) -> TensorInfo:
-    parts = _list(value, 3)
+    parts = _sized(value, list, 3)
     if len(parts) != 3 or not _is_dtype(parts[1]):
         raise FrameError("no description of a tensor")
     shape = tuple(
-        _text(length, NAME_MOST) if isinstance(length, str) else None if length is None else _count(length)
-        for length in _list(parts[2], 64)
+        _sized(length, str, NAME_MOST) if isinstance(length, str) else None if length is None else _count(length)
+        for length in _sized(parts[2], list, 64)
     )
-    return TensorInfo(_text(parts[0], NAME_MOST), parts[1], shape)
+    return TensorInfo(_sized(parts[0], str, NAME_MOST), parts[1], shape)
 
 
-def _mapping(value: object, most: int) -> dict[Any, Any]:
-    if not isinstance(value, dict) or len(value) > most:
-        raise FrameError("no mapping, or a too long one")
-    return value
-
-
-def _list(value: object, most: int) -> list[Any]:
-    if not isinstance(value, list) or len(value) > most:
-        raise FrameError("no list, or a too long one")
-    return value
-
-
-def _text(value: object, most: int) -> str:
-    if not isinstance(value, str) or len(value) > most:
-        raise FrameError("no text, or a too long one")
+def _sized(value: object, kind: type[_S], most: int) -> _S:
+    if not isinstance(value, kind) or len(value) > most:
+        raise FrameError(f"no {kind.__name__}, or a too long one")
     return value
 
 
