@@ -63,7 +63,9 @@ def refusal(folder: Path, service: LocalService, model: bytes, *tracks: Track, a
 
 
 def open_episodes(service: LocalService) -> float:
-    (found,) = re.findall(r"^wrongturn_open_episodes (\S+)$", httpx.get(f"{service.url}/metrics").text, re.MULTILINE)
+    operator = {"Authorization": "Bearer operator-token-of-the-tests-0123456789"}
+    metrics = httpx.get(f"{service.url}/metrics", headers=operator).text
+    (found,) = re.findall(r"^wrongturn_open_episodes (\S+)$", metrics, re.MULTILINE)
     return float(found)
 
 
