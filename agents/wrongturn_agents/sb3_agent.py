@@ -12,8 +12,7 @@ from gymnasium import spaces
 
 from wrongturn_agents.errors import ModelFileError
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.export.sb3_policy import load_policy
-from wrongturn_agents.training.export.sb3_spaces import as_policy_takes, meaning_of, taken_by
+from wrongturn_agents.training.export.sb3_spaces import DrivingPolicy
 from wrongturn_client.invocation import program
 from wrongturn_protocol import Action, AgentKind
 from wrongturn_protocol.observations import Observation
@@ -31,18 +30,15 @@ class Sb3Agent:
 
     def __init__(self, file: Path) -> None:
         try:
-            saved = load_policy(file)
-            self.track, self._keys = taken_by(saved, None)
-            self._meaning = meaning_of(saved.policy.action_space, None)
+            self._driving = DrivingPolicy(file)
         except TrainingError as error:
             raise ModelFileError(f"agent: {_in_a_run(file, str(error))}") from error
         # Several episodes run side by side, and threads inside a step would only wait for each other.
         torch.set_num_threads(1)
-        self._policy = saved.policy
-        self._takes_one = saved.takes_one
+        self.track = self._driving.track
         self.name = file.stem
         self.kind = AgentKind.SUBMITTED
-        self.description = f"Learned by {saved.algorithm} of Stable-Baselines3."
+        self.description = f"Learned by {self._driving.algorithm} of Stable-Baselines3."
         self.trained_on_faults = False
         self.memoryless = True
 
@@ -51,9 +47,7 @@ class Sb3Agent:
 
     def act(self, observation: Observation) -> Action:
         """Return the policy's deterministic action."""
-        taken = as_policy_takes(observation, self._keys, None, alone=self._takes_one)
-        action, _ = self._policy.predict(taken, deterministic=True)
-        steer, throttle, brake = map(float, self._meaning.controls(action))
+        steer, throttle, brake = map(float, self._driving.controls(observation))
         return Action(steer=steer, throttle=throttle, brake=brake)
 
 

@@ -1,21 +1,148 @@
-"""The cars that an agent learns from: the batch of :class:`DrivingVecEnv` with the shipped curriculum."""
+"""The cars that an agent learns from: two actions, tensors on the device, a divided reward, the shipped curriculum."""
 
 import os
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
+import numpy as np
 import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+from torch import Tensor
 
+from wrongturn_agents.training.action import ACTION_SPACE, controls
 from wrongturn_agents.training.drives_config import CarsConfig, DrivesConfig
-from wrongturn_agents.training.driving_env import DrivingVecEnv
 from wrongturn_agents.training.stopwatch import Stopwatch
+from wrongturn_agents.training.vec_env import WrongturnVecEnv
 from wrongturn_protocol import TRAINING_WEATHERS, Task, Traffic
-from wrongturn_sim import FleetTraffic
+from wrongturn_sim import FleetTraffic, WrongturnVectorEnv
 
+COLLISION: Final = "collision"
+"""Verdict of a drive that hit something."""
+FAILURES: Final = frozenset({"off_road", COLLISION, "wrong_way"})
+"""Verdicts of a failed drive."""
+STANDING: Final = "not_engaged"
+"""Verdict of a drive that ended because the car stood still."""
+VERDICTS: Final = (*sorted(FAILURES), STANDING, "timeout")
+"""Verdicts with which a drive may end in training."""
+SLOW: Final = 0.3
+"""A slower car counts as standing, m/s."""
+_NOTHING: Final[dict[str, Any]] = {}
+
+Observations = dict[str, Tensor]
 _STARTS = ("near_junctions", "near_bends", "inside_junctions", "lateral", "yaw", "time_limit")
 _HABITS = ("hesitant", "leaders", "crossers", "waiters")
 _LEAST = 3
 """A drive with traffic has at least one in so many of the most road users."""
+
+
+class DrivingVecEnv(WrongturnVecEnv):
+    """The cars of a town as a learner drives them.
+
+    For a car whose drive ended, ``infos[i]`` has ``episode`` (``r``: sum of the paper's reward, not divided; ``l``:
+    number of decisions), ``verdict``, ``TimeLimit.truncated`` and, only if time ran out, ``terminal_observation``.
+
+    Args:
+        num_envs: number of cars.
+        settings: divisor of the reward, penalties and costs.
+        keys: keys of the observation to return, in this order; all by default.
+        device: device of the tensors.
+        stopwatch: counts rendering as ``render`` and the rest as ``env``.
+        options: options of the vectorised environment. With ``backend="cuda"`` pictures are rendered on the device and
+            never leave it.
+    """
+
+    def __init__(
+        self,
+        num_envs: int,
+        settings: DrivesConfig,
+        *,
+        keys: Sequence[str] | None = None,
+        device: torch.device | str = "cpu",
+        stopwatch: Stopwatch | None = None,
+        **options: Any,
+    ) -> None:
+        super().__init__(num_envs, copy=False, **options)
+        self.device = torch.device(device)
+        self.stopwatch = stopwatch or Stopwatch(self.device)
+        whole: Any = self.envs.single_observation_space
+        self.keys = tuple(whole if keys is None else keys)
+        self.observation_space = spaces.Dict({key: whole[key] for key in self.keys})
+        self.action_space = ACTION_SPACE
+        self._divisor, self._standing_cost = settings.reward_divisor, np.float32(settings.standing_cost)
+        self._penalties = dict.fromkeys(FAILURES, settings.failure_penalty) | {STANDING: settings.standing_penalty}
+        self._penalties[COLLISION] += settings.collision_penalty
+        self._returns, self._lengths = np.zeros(num_envs), np.zeros(num_envs, np.int64)
+        self._watch_pictures()
+
+    def reset(self) -> Observations:
+        """Start new drives."""
+        self._returns[:] = 0.0
+        self._lengths[:] = 0
+        with self.stopwatch.part("env"):
+            return self._tensors(super().reset())
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Drive on for 0.1 s with the (n, 2) actions, steer and accelerate.
+
+        Raises:
+            RuntimeError: there are no actions.
+        """
+        if self._waiting is None:
+            raise RuntimeError("step_wait: there are no actions; call step_async first, or step")
+        actions, self._waiting = self._waiting, None
+        with self.stopwatch.part("env"):
+            observation, rewards, terminated, truncated, found = self.envs.step(controls(actions))
+            tensors = self._tensors(observation)
+        ended = terminated | truncated
+        self._returns += rewards
+        self._lengths += 1
+        scaled = (rewards / self._divisor).astype(np.float32)
+        stands = np.asarray(observation["speed"])[:, 0] < SLOW
+        stands &= ~self._batch.waits
+        scaled -= self._standing_cost * (stands & ~ended)  # an ended car's speed is already that of its next drive
+        infos: list[dict[str, Any]] = [_NOTHING] * self.num_envs
+        for i in np.flatnonzero(ended).tolist():
+            verdict = found["final_info"]["verdict"][i]
+            infos[i] = {
+                "episode": {"r": float(self._returns[i]), "l": int(self._lengths[i])},
+                "verdict": verdict,
+                "TimeLimit.truncated": bool(truncated[i]),
+            }
+            scaled[i] -= self._penalties.get(verdict, 0.0)
+            if truncated[i]:
+                infos[i]["terminal_observation"] = self._tensors(found["final_obs"][i])
+        self._returns[ended] = 0.0
+        self._lengths[ended] = 0
+        return tensors, scaled, ended, infos
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """Where each car is, (n, 3): x and y of the body's centre in metres, and yaw in radians."""
+        return self._batch.poses
+
+    @property
+    def _batch(self) -> WrongturnVectorEnv:
+        assert isinstance(self.envs, WrongturnVectorEnv)
+        return self.envs
+
+    def _tensors(self, observation: Any) -> Observations:
+        """Return copies on the device, because the next step overwrites the arrays."""
+        return {key: torch.as_tensor(observation[key], device=self.device).clone() for key in self.keys}
+
+    def _watch_pictures(self) -> None:
+        """Count the camera's work as ``render``."""
+        camera = getattr(self.envs, "_camera", None)
+        if camera is None:
+            return
+        render = camera.render
+
+        def timed(*args: Any, **kwargs: Any) -> None:
+            with self.stopwatch.part("render"):
+                render(*args, **kwargs)
+
+        camera.render = timed
 
 
 def training_cars(

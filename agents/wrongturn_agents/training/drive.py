@@ -1,6 +1,6 @@
 """Drive given trials with trained agents, many at once, in this process."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -40,6 +40,18 @@ class RememberingModel(Protocol):
 
 
 AnyModel = DrivingModel | RememberingModel
+
+
+def begin(model: AnyModel, count: int) -> Tensor:
+    """Return the memory of cars that begin their drives, (count, ...); of width 0 if the network has none."""
+    return model.begin(count) if isinstance(model, RememberingModel) else torch.zeros(count, 0)
+
+
+def drive_on(model: AnyModel, observation: Mapping[str, Tensor], memory: Tensor) -> tuple[Tensor, Tensor]:
+    """Return steer, throttle and brake, (b, 3), and the new memory."""
+    if isinstance(model, RememberingModel):
+        return model.drive_on(observation, memory)
+    return model.drive(observation), memory
 
 
 def is_driver(model: object) -> bool:
@@ -133,7 +145,7 @@ def _in_town(
     driving: list[int | None] = [waiting.pop(0) for _ in range(count)]
     current = [assigned[i] for i in driving if i is not None]
     rewards, stood = np.zeros(count), np.zeros(count, np.int64)
-    memories = _Memories(dict.fromkeys(one.model for one in assigned), count)
+    memories = {one.model: begin(one.model, count) for one in assigned}
     observation, _ = envs.reset(seed=0, options={"trial": [one.trial for one in current]})
     try:
         while any(number is not None for number in driving):
@@ -164,35 +176,17 @@ def _in_town(
             if restarted.any() and any(number is not None for number in driving):
                 trials = [one.trial for one in current]
                 observation, _ = envs.reset(options={"trial": trials, "reset_mask": restarted})
-                memories.begin(np.flatnonzero(restarted))
+                for model, memory in memories.items():
+                    cars = torch.as_tensor(np.flatnonzero(restarted), device=memory.device)
+                    memory[cars] = begin(model, len(cars))
     finally:
         envs.close()
 
 
-class _Memories:
-    """What each model that remembers keeps of each car, whoever drives it."""
-
-    def __init__(self, models: Iterable[AnyModel], count: int) -> None:
-        self._kept = {model: model.begin(count) for model in models if isinstance(model, RememberingModel)}
-
-    def begin(self, cars: NDArray[np.int64]) -> None:
-        """Let cars forget their last drive."""
-        for model, kept in self._kept.items():
-            kept[torch.as_tensor(cars, device=kept.device)] = model.begin(len(cars))
-
-    def drive(self, model: AnyModel, observation: Mapping[str, Tensor], cars: Tensor) -> Tensor:
-        """Return the actions of some cars, and remember what the model wants to remember."""
-        if not isinstance(model, RememberingModel):
-            return model.drive(observation)
-        kept = self._kept[model]
-        action, kept[cars] = model.drive_on(observation, kept[cars])
-        return action
-
-
 @torch.inference_mode()
 def _actions(
-    models: list[AnyModel | None], observation: dict[str, Any], memories: _Memories, device: torch.device
-) -> np.ndarray[Any, Any]:
+    models: list[AnyModel | None], observation: dict[str, Any], memories: dict[AnyModel, Tensor], device: torch.device
+) -> NDArray[np.float32]:
     """Return each car's action from its own model; a car without a model brakes."""
     tensors = {name: torch.as_tensor(array, device=device) for name, array in observation.items()}
     actions = np.tile(np.array([0.0, 0.0, 1.0], np.float32), (len(models), 1))
@@ -206,7 +200,10 @@ def _actions(
             more = -len(rows) % _ROWS if device.type == "cuda" else 0
             chosen = torch.as_tensor(rows + rows[:1] * more, device=device)
             own = {name: tensor[chosen] for name, tensor in tensors.items()}
-        actions[rows] = memories.drive(model, own, chosen)[: len(rows)].float().cpu().numpy()
+        memory = memories[model]
+        cars = chosen.to(memory.device)
+        action, memory[cars] = drive_on(model, own, memory[cars])
+        actions[rows] = action[: len(rows)].float().cpu().numpy()
     return actions
 
 

@@ -18,10 +18,10 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from torch import nn
 
 from wrongturn_agents.training.budget import Budget
+from wrongturn_agents.training.cars import VERDICTS
 from wrongturn_agents.training.checkpoint import load_checkpoint, save_checkpoint, write
 from wrongturn_agents.training.devices import check_threads, device_of, memory_named, prepare
 from wrongturn_agents.training.drive import AnyModel
-from wrongturn_agents.training.driving_env import VERDICTS
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.held_out import (
     Candidates,
@@ -296,7 +296,7 @@ class Run:
                     self._recent.append((info["episode"]["r"], info["episode"]["l"]))
 
     def consider(self, steps: int) -> None:
-        """Remember the agent before an update, if it drove better than any since the last held-out journeys."""
+        """Remember the agent as it is before an update, if none drove better since the last held-out journeys."""
         if len(self._recent) == _EPISODES:
             self._candidates.drove(self._drives()["reward_mean"], steps)
 

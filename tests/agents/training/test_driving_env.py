@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from wrongturn_agents.training.cars import training_cars
+from wrongturn_agents.training.cars import FAILURES, DrivingVecEnv, training_cars
 from wrongturn_agents.training.drives_config import DrivesConfig
-from wrongturn_agents.training.driving_env import FAILURES, DrivingVecEnv
 from wrongturn_protocol import Traffic
 from wrongturn_sim import FleetTraffic
 

@@ -16,10 +16,10 @@ from wrongturn_agents.models.waypoints import to_picture
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import export
 from wrongturn_agents.training.method import load
+from wrongturn_agents.training.methods.averaging import Pool
 from wrongturn_agents.training.methods.lbc.cars import Cars
 from wrongturn_agents.training.methods.lbc.config import LBCConfig
 from wrongturn_agents.training.methods.lbc.halves import PRIVILEGED_FILE, picture_loss, round_of, taught
-from wrongturn_agents.training.methods.pool import Pool
 from wrongturn_agents.training.recording import record_observations
 from wrongturn_agents.training.run import train
 from wrongturn_agents.training.run_directory import BEST

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from wrongturn_agents.onnx_agent import open_session
-from wrongturn_agents.training.drive import RememberingModel
+from wrongturn_agents.training.drive import begin, drive_on
 from wrongturn_agents.training.export.quantisation import halve, quantise
 from wrongturn_agents.training.export.writing import check_target, export_graph, write_graph
-from wrongturn_agents.training.method import Loaded, load
+from wrongturn_agents.training.method import Loaded, TrainedAgent, load
 from wrongturn_agents.training.recording import EGOS, record_observations
 from wrongturn_protocol.model_contract import ACTION, STATE_IN, STATE_OUT
 from wrongturn_protocol.observations import FIELDS
@@ -96,8 +96,8 @@ def write_agent(
     compared: Observations | None = None,
 ) -> Agreement | None:
     """Write an agent that drives by itself as an ONNX file; see :func:`export`."""
-    keys, memory = loaded.agent.keys, _memory(loaded.model)
-    graph = _graph(loaded, memory)
+    keys, memory = loaded.agent.keys, begin(loaded.model, 1).shape[1]
+    graph = batched_graph(_ExportedAgent(loaded.model), loaded.agent, memory, ACTION)
     if precision == Precision.INT8:
         seen = observations or record_observations(loaded.agent.track, CALIBRATION, seed=CALIBRATION_SEED)
         feed = {key: np.asarray(seen[key]) for key in keys}
@@ -118,13 +118,7 @@ def write_agent(
 
 
 def facts_of(loaded: Loaded, *, name: str | None, precision: str) -> dict[str, str]:
-    """Return a file's metadata.
-
-    Args:
-        loaded: the agent.
-        name: its name on the leaderboard; None for the algorithm's.
-        precision: precision of the weights.
-    """
+    """Return a file's metadata. Without a name the agent has the algorithm's on the leaderboard."""
     told, agent = loaded.told, loaded.agent
     return {
         "name": name or agent.name,
@@ -140,28 +134,22 @@ def facts_of(loaded: Loaded, *, name: str | None, precision: str) -> dict[str, s
 
 
 def agreement(loaded: Loaded, file: Path | str, observations: Observations) -> Agreement:
-    """Compare a file's actions with its agent's, along recorded drives and with the agent's memory.
-
-    Args:
-        loaded: the agent, on the CPU.
-        file: the ONNX file.
-        observations: (n, ...) for each input, as ``record_observations`` returns them.
-    """
+    """Compare a file's actions with its agent's, along the drives of ``record_observations``, with its memory."""
     model, session = loaded.model, open_session(Path(file))
     inputs = {key: np.asarray(observations[key]) for key in loaded.agent.keys}
     number = len(inputs[loaded.agent.keys[0]])
-    memory = model.begin(min(EGOS, number)).numpy() if isinstance(model, RememberingModel) else None
+    memory = begin(model, min(EGOS, number))
     differences: list[NDArray[np.float32]] = []
     for first in range(0, number, EGOS):
-        batch: dict[str, NDArray[Any]] = {key: array[first : first + EGOS] for key, array in inputs.items()}
-        if memory is not None:  # the last cars' drives may be a row longer
-            batch[STATE_IN] = memory[: number - first]
+        batch = {key: array[first : first + EGOS] for key, array in inputs.items()}
+        before = memory[: number - first]  # the last cars' drives may be a row longer
         with torch.inference_mode():
-            wanted, kept = _driven(model, {key: torch.from_numpy(array) for key, array in batch.items()})
+            wanted, memory = drive_on(model, {key: torch.from_numpy(array) for key, array in batch.items()}, before)
+        if before.shape[1]:
+            batch[STATE_IN] = before.numpy()
         for i, action in enumerate(wanted.numpy()):  # one at a time, as an agent drives
             one = {key: array[i : i + 1] for key, array in batch.items()}
             differences.append(np.abs(session.run([ACTION], one)[0][0] - action))
-        memory = kept.numpy() if kept is not None else None
     mean, greatest = np.mean(differences, 0).tolist(), np.max(differences, 0).tolist()
     return Agreement(tuple(mean), tuple(greatest), len(differences))
 
@@ -171,51 +159,36 @@ def sha256(file: Path | str) -> str:
     return hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
-def _memory(model: Any) -> int:
-    """Return how many numbers an agent remembers."""
-    return model.begin(1).shape[1] if isinstance(model, RememberingModel) else 0
-
-
-def _driven(model: Any, inputs: Mapping[str, Tensor]) -> tuple[Tensor, Tensor | None]:
-    """Return the actions for a batch and, of an agent that remembers, the next memories."""
-    observation = dict(inputs)
-    memory = observation.pop(STATE_IN, None)
-    if memory is None:
-        return model.drive(observation), None
-    action, kept = model.drive_on(observation, memory)
-    return action, kept
-
-
 class _ExportedAgent(nn.Module):
     """The agent as the graph holds it: from an observation, and its memory if it has one."""
 
-    def __init__(self, model: nn.Module) -> None:
+    def __init__(self, model: Any) -> None:
         super().__init__()
         self.model = model
 
     def forward(self, observation: dict[str, Tensor], state: Tensor | None = None) -> Any:
         if state is None:
-            return self.model.drive(observation)  # type: ignore[operator]
-        return self.model.drive_on(observation, state)  # type: ignore[operator]
+            return self.model.drive(observation)
+        return self.model.drive_on(observation, state)
 
 
-def _graph(loaded: Loaded, memory: int) -> onnx.ModelProto:
-    """Return the agent's graph in single precision, with a free batch axis."""
-    fields = {field.name: field for field in FIELDS[loaded.agent.track]}
+def batched_graph(module: nn.Module, agent: TrainedAgent, memory: int, output: str) -> onnx.ModelProto:
+    """Return a graph in single precision, with a free batch axis.
+
+    Args:
+        module: from an observation, and from a state if there is a memory, to the output and the next state.
+        agent: its track and keys.
+        memory: how many numbers it remembers; 0 for none.
+        output: name of the output.
+    """
+    fields = {field.name: field for field in FIELDS[agent.track]}
     # A batch of two, because the exporter takes an axis of length one as fixed.
-    example = {
-        key: torch.from_numpy(np.ones((2, *fields[key].shape), fields[key].numpy_dtype)) for key in loaded.agent.keys
-    }
+    example = {key: torch.from_numpy(np.ones((2, *fields[key].shape), fields[key].numpy_dtype)) for key in agent.keys}
     batch = torch.export.Dim("batch", min=1, max=4096)
     arguments: dict[str, Any] = {"observation": example}
     shapes: dict[str, Any] = {"observation": {key: {0: batch} for key in example}}
     if memory:
         arguments["state"], shapes["state"] = torch.zeros(2, memory), {0: batch}
-    model: Any = loaded.model
-    return export_graph(
-        _ExportedAgent(model.to(memory_format=torch.contiguous_format)).eval(),
-        arguments,
-        [*example, *([STATE_IN] if memory else [])],
-        [ACTION, *([STATE_OUT] if memory else [])],
-        shapes,
-    )
+    inputs, outputs = [*example, *([STATE_IN] if memory else [])], [output, *([STATE_OUT] if memory else [])]
+    plain: Any = module.to(memory_format=torch.contiguous_format)  # type: ignore[call-overload]
+    return export_graph(plain.eval(), arguments, inputs, outputs, shapes)

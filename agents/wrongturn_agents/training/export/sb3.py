@@ -13,14 +13,12 @@ import onnx
 import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecNormalize
 from torch import Tensor, nn
 
 from wrongturn_agents.errors import AgentsError
 from wrongturn_agents.onnx_agent import OnnxAgent
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.export.sb3_policy import SavedPolicy, load_policy, load_statistics
-from wrongturn_agents.training.export.sb3_spaces import Meaning, Taken, as_policy_takes, meaning_of, taken_by
+from wrongturn_agents.training.export.sb3_spaces import DrivingPolicy, Taken
 from wrongturn_agents.training.export.writing import check_target, export_graph, write_graph
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import observation_space
@@ -70,21 +68,18 @@ def export_sb3(
     """
     source, file = Path(source), Path(file)
     check_target(file, name or file.stem, "--out")
-    saved = load_policy(source)
-    statistics = None if vecnormalize is None else load_statistics(Path(vecnormalize))
-    track, keys = taken_by(saved, statistics)
-    meaning = meaning_of(saved.policy.action_space, None if actions is None else Path(actions))
-    graph = _graph(source, saved, keys, meaning)
+    driving = DrivingPolicy(source, *(None if one is None else Path(one) for one in (vecnormalize, actions)))
+    graph = _graph(source, driving)
     facts = {
         "name": name or file.stem,
-        "track": str(track),
-        "description": description or f"Learned by {saved.algorithm} of Stable-Baselines3.",
-        "algorithm": saved.algorithm,
+        "track": str(driving.track),
+        "description": description or f"Learned by {driving.algorithm} of Stable-Baselines3.",
+        "algorithm": driving.algorithm,
     }
     unchecked = file.with_name(file.name + ".unchecked")
     try:
         write_graph(unchecked, graph, facts)
-        differences = _differences(unchecked, track, saved, keys, statistics, meaning)
+        differences = _differences(unchecked, driving)
         exceptions = int((differences > TOLERANCE).sum())
         if not exceptions <= _EXCEPTIONS * COMPARED:
             raise TrainingError(
@@ -96,10 +91,10 @@ def export_sb3(
     finally:
         unchecked.unlink(missing_ok=True)
     return Exported(
-        algorithm=saved.algorithm,
-        track=track,
+        algorithm=driving.algorithm,
+        track=driving.track,
         inputs=tuple(put.name for put in graph.graph.input),
-        outputs=meaning.outputs,
+        outputs=driving.meaning.outputs,
         greatest=float(differences.max()),
         exceptions=exceptions,
     )
@@ -138,11 +133,12 @@ class _Driver(nn.Module):
     low: Tensor
     high: Tensor
 
-    def __init__(self, saved: SavedPolicy, keys: tuple[Taken, ...], meaning: Meaning) -> None:
+    def __init__(self, driving: DrivingPolicy) -> None:
         super().__init__()
-        self._policy = policy = saved.policy
-        self._takes_one = saved.takes_one
-        self._prepare = nn.ModuleDict({key.field.name: _Prepare(key) for key in keys})
+        meaning = driving.meaning
+        self._policy = policy = driving.policy
+        self._takes_one = driving.takes_one
+        self._prepare = nn.ModuleDict({key.field.name: _Prepare(key) for key in driving.keys})
         self._discrete = meaning.table is not None
         self._number = len(meaning.outputs)
         if meaning.table is not None:
@@ -164,16 +160,17 @@ class _Driver(nn.Module):
         return tuple(actions[:, i : i + 1] for i in range(self._number))
 
 
-def _graph(source: Path, saved: SavedPolicy, keys: tuple[Taken, ...], meaning: Meaning) -> onnx.ModelProto:
+def _graph(source: Path, driving: DrivingPolicy) -> onnx.ModelProto:
     """Return the agent's graph, with a batch axis of 1."""
-    example = {key.field.name: torch.as_tensor(np.ones((1, *key.field.shape), key.field.numpy_dtype)) for key in keys}
+    fields = [key.field for key in driving.keys]
+    example = {field.name: torch.as_tensor(np.ones((1, *field.shape), field.numpy_dtype)) for field in fields}
     validated = torch.distributions.Distribution._validate_args
     torch.distributions.Distribution.set_default_validate_args(False)  # it looks at values, which a graph does not have
     try:
-        graph = export_graph(
-            _Driver(saved, keys, meaning).eval(), {"observation": example}, list(example), meaning.outputs
-        )
-        _drop_unused_inputs(graph)
+        graph = export_graph(_Driver(driving).eval(), {"observation": example}, list(example), driving.meaning.outputs)
+        used = {name for node in graph.graph.node for name in node.input}
+        for put in [put for put in graph.graph.input if put.name not in used]:
+            graph.graph.input.remove(put)  # so that nobody has to send what the network does not look at
         onnx.checker.check_model(graph, full_check=True)
     except Exception as error:  # torch raises many classes
         raise TrainingError(
@@ -185,13 +182,6 @@ def _graph(source: Path, saved: SavedPolicy, keys: tuple[Taken, ...], meaning: M
     return graph
 
 
-def _drop_unused_inputs(graph: onnx.ModelProto) -> None:
-    """Remove the inputs that the network does not look at, so that nobody has to send them."""
-    used = {name for node in graph.graph.node for name in node.input}
-    for put in [put for put in graph.graph.input if put.name not in used]:
-        graph.graph.input.remove(put)
-
-
 def _cause(error: BaseException) -> str:
     """Return the first line of what an exporter's error came from."""
     while error.__cause__ is not None:
@@ -199,16 +189,9 @@ def _cause(error: BaseException) -> str:
     return f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
 
 
-def _differences(
-    file: Path,
-    track: Track,
-    saved: SavedPolicy,
-    keys: tuple[Taken, ...],
-    statistics: VecNormalize | None,
-    meaning: Meaning,
-) -> NDArray[np.float64]:
+def _differences(file: Path, driving: DrivingPolicy) -> NDArray[np.float64]:
     """Return the greatest difference of a control on each sampled observation, (COMPARED,)."""
-    space = observation_space(track)
+    space = observation_space(driving.track)
     space.seed(0)
     differences = []
     try:
@@ -216,9 +199,7 @@ def _differences(
         for _ in range(COMPARED):
             observation = space.sample()
             made = agent.act(observation)
-            taken = as_policy_takes(observation, keys, statistics, alone=saved.takes_one)
-            action, _ = saved.policy.predict(taken, deterministic=True)
-            wanted = meaning.controls(action)
+            wanted = driving.controls(observation)
             differences.append(np.abs(np.array([made.steer, made.throttle, made.brake]) - wanted).max())
     except AgentsError as error:
         raise TrainingError(f"the file that was made does not drive: {error}") from error

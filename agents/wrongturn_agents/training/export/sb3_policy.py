@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.vec_env import VecNormalize
@@ -40,11 +39,6 @@ class SavedPolicy:
     last_observation: Mapping[str, Any] | Any
     """The observations that training saw last, with a batch axis; an empty mapping if the file has none. An array if
     the policy takes one."""
-
-    @property
-    def takes_one(self) -> bool:
-        """Whether it takes the array of one key, as behind a wrapper that shows the picture alone."""
-        return not isinstance(self.policy.observation_space, spaces.Dict)
 
 
 def check_files(file: Path, statistics: Path | None) -> None:

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from wrongturn_agents.training.action import ACTION_SPACE, controls
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.export.sb3_policy import SavedPolicy
+from wrongturn_agents.training.export.sb3_policy import SavedPolicy, load_policy, load_statistics
 from wrongturn_protocol import Track
 from wrongturn_protocol.model_contract import CONTROLS
 from wrongturn_protocol.observations import FIELDS, Field, Observation, action_space, in_short, observation_space
@@ -50,36 +50,48 @@ class Taken:
         return self.scaling is not None and self.scaling.mean.shape == self.field.shape
 
 
-def taken_by(saved: SavedPolicy, statistics: VecNormalize | None) -> tuple[Track, tuple[Taken, ...]]:
-    """Return the track of a policy, and the keys that it takes."""
-    seen = _by_key(saved.policy.observation_space)
-    track = _track(tuple(seen))
-    fields = [field for field in FIELDS[track] if field.name in seen]
-    keys = tuple(_taken(field, seen[field.name], statistics, alone=saved.takes_one) for field in fields)
-    if statistics is None:
-        _check_scale(saved, seen)
-    return track, keys
+class DrivingPolicy:
+    """A saved policy with what it takes, and what its actions mean. Making it runs code that its files name.
 
-
-def as_policy_takes(
-    observation: Observation, keys: tuple[Taken, ...], statistics: VecNormalize | None, *, alone: bool = False
-) -> dict[str, NDArray[Any]] | NDArray[Any]:
-    """Return an observation as training's wrappers hand it to the policy; ``alone`` is the array of the only key.
-
-    This uses ``VecNormalize`` itself, so that a file can be compared with it.
+    Args:
+        file: what ``model.save`` wrote.
+        vecnormalize: what ``VecNormalize.save`` wrote, if training normalised observations.
+        actions: JSON file with the controls of each discrete action.
     """
-    given = {key.field.name: observation[key.field.name] for key in keys}
-    late = [key.field.name for key in keys if key.transposed and key.scaled_first]
-    for key in keys:
-        if key.transposed and not key.scaled_first:
-            given[key.field.name] = given[key.field.name].transpose(_CHANNELS_FIRST)
-    if statistics is not None and alone:
-        given = {name: statistics.normalize_obs(array) for name, array in given.items()}
-    elif statistics is not None:
-        given = statistics.normalize_obs(given)
-    for name in late:
-        given[name] = given[name].transpose(_CHANNELS_FIRST)
-    return next(iter(given.values())) if alone else given
+
+    def __init__(self, file: Path, vecnormalize: Path | None = None, actions: Path | None = None) -> None:
+        saved = load_policy(file)
+        self.policy, self.algorithm = saved.policy, saved.algorithm
+        space = saved.policy.observation_space
+        self.takes_one = not isinstance(space, spaces.Dict)
+        """Whether it takes the array of one key, as behind a wrapper that shows the picture alone."""
+        self.statistics = None if vecnormalize is None else load_statistics(vecnormalize)
+        seen = _by_key(space)
+        self.track = _track(tuple(seen))
+        fields = [field for field in FIELDS[self.track] if field.name in seen]
+        self.keys = tuple(_taken(field, seen[field.name], self.statistics, alone=self.takes_one) for field in fields)
+        if self.statistics is None:
+            _check_scale(saved, seen)
+        self.meaning = meaning_of(saved.policy.action_space, actions)
+
+    def controls(self, observation: Observation) -> NDArray[np.float32]:
+        """Return steer, throttle and brake, (3,), as training's wrappers and the policy itself make them."""
+        given = {key.field.name: observation[key.field.name] for key in self.keys}
+        self._transpose(given, scaled=False)
+        if self.statistics is not None:
+            if self.takes_one:
+                given = {name: self.statistics.normalize_obs(array) for name, array in given.items()}
+            else:
+                given = self.statistics.normalize_obs(given)
+        self._transpose(given, scaled=True)
+        action, _ = self.policy.predict(next(iter(given.values())) if self.takes_one else given, deterministic=True)
+        return self.meaning.controls(action)
+
+    def _transpose(self, given: dict[str, NDArray[Any]], *, scaled: bool) -> None:
+        """Put channels first, of the pictures for which that comes after their normalisation, or of the others."""
+        for key in self.keys:
+            if key.transposed and key.scaled_first is scaled:
+                given[key.field.name] = given[key.field.name].transpose(_CHANNELS_FIRST)
 
 
 def _by_key(space: spaces.Space[Any]) -> dict[str, spaces.Space[Any]]:

@@ -10,13 +10,12 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from wrongturn_agents.training.cars import cruises, training_cars
+from wrongturn_agents.training.cars import Observations, cruises, training_cars
 from wrongturn_agents.training.checkpoint import load_weights, read, write
 from wrongturn_agents.training.drives_config import DrivesConfig
-from wrongturn_agents.training.driving_env import Observations
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.method import Method
-from wrongturn_agents.training.methods.pool import Pool
+from wrongturn_agents.training.methods.averaging import Pool
 from wrongturn_agents.training.run import Run
 from wrongturn_agents.training.run_directory import ENCODER
 from wrongturn_agents.training.stopwatch import Stopwatch

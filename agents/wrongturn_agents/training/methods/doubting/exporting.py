@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import onnx
-import torch
 from torch import Tensor, nn
 
 from wrongturn_agents.doubting_agent import OBEYED
@@ -14,14 +13,13 @@ from wrongturn_agents.models.doubt import Doubt
 from wrongturn_agents.models.gate import MEMORY, Gate, GateConfig
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.export.export import Precision, facts_of
+from wrongturn_agents.training.export.export import Precision, batched_graph, facts_of
 from wrongturn_agents.training.export.quantisation import halve
-from wrongturn_agents.training.export.writing import check_target, export_graph, write_graph
+from wrongturn_agents.training.export.writing import check_target, write_graph
 from wrongturn_agents.training.method import Loaded
-from wrongturn_protocol.model_contract import ACTION, STATE_IN, STATE_OUT
+from wrongturn_protocol.model_contract import ACTION, STATE_OUT
 
 _PREFIX: Final = "policy."
-_SHAPES: Final = {"rgb": (64, 192, 3), "segmentation": (64, 192)}
 
 
 class GatedDoubt(nn.Module):
@@ -64,7 +62,7 @@ def write_doubting(
     doubt: Any = loaded.model
     settings = gate or GateConfig()
     drives = DOUBTING_AGENTS[loaded.agent.name].drives
-    graph = _doubt_graph(GatedDoubt(doubt, Gate(settings)), doubt.key)
+    graph = batched_graph(GatedDoubt(doubt, Gate(settings)), loaded.agent, MEMORY, OBEYED)
     if precision == Precision.FP16:
         halve(graph)
     if whole:
@@ -73,23 +71,6 @@ def write_doubting(
     facts = facts_of(loaded, name=name, precision=precision)
     gated = json.dumps(dataclasses.asdict(settings), sort_keys=True)
     write_graph(file, graph, {**facts, "drives": drives, "trained_on_faults": "true", "gate": gated})
-
-
-def _doubt_graph(model: GatedDoubt, key: str) -> onnx.ModelProto:
-    """Return the graph from an observation and a memory to the command to obey and the new memory."""
-    example = {
-        "speed": torch.ones(2, 1),
-        "command": torch.ones(2, 1, dtype=torch.int64),
-        key: torch.ones((2, *_SHAPES[key]), dtype=torch.uint8),
-    }
-    batch = torch.export.Dim("batch", min=1, max=4096)
-    return export_graph(
-        model.to(memory_format=torch.contiguous_format).eval(),  # type: ignore[call-overload]
-        {"observation": example, "state": torch.zeros(2, MEMORY)},
-        [*example, STATE_IN],
-        [OBEYED, STATE_OUT],
-        {"observation": {name: {0: batch} for name in example}, "state": {0: batch}},
-    )
 
 
 def joined(doubt: onnx.ModelProto, driving: onnx.ModelProto) -> onnx.ModelProto:

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from wrongturn_agents.models.marln import ACTIONS, FRAMES, Marln
-from wrongturn_agents.training.driving_env import DrivingVecEnv, Observations
+from wrongturn_agents.training.cars import DrivingVecEnv, Observations
 from wrongturn_agents.training.methods.marln.config import MarlnConfig
 from wrongturn_agents.training.methods.marln.replay import Decisions
 from wrongturn_agents.training.stopwatch import Stopwatch

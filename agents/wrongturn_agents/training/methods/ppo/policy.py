@@ -10,7 +10,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
 from wrongturn_agents.models import ActorCritic, Homoscedastic
-from wrongturn_agents.training.driving_env import Observations
+from wrongturn_agents.training.cars import Observations
 from wrongturn_agents.training.methods.ppo.config import PPOConfig
 from wrongturn_agents.training.methods.ppo.rollout import FEATURES
 from wrongturn_agents.training.stopwatch import Stopwatch

@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from wrongturn_agents.models import ActorCritic
 from wrongturn_agents.training.budget import Budget
-from wrongturn_agents.training.driving_env import Observations
+from wrongturn_agents.training.cars import Observations
 from wrongturn_agents.training.methods.ppo.config import PPOConfig
 from wrongturn_agents.training.methods.ppo.policy import WrongturnPolicy
 from wrongturn_agents.training.methods.ppo.rollout import DeviceRolloutBuffer

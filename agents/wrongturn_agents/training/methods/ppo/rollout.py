@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from torch import Tensor
 
 from wrongturn_agents.models import ActorCritic
-from wrongturn_agents.training.driving_env import DrivingVecEnv, Observations
+from wrongturn_agents.training.cars import DrivingVecEnv, Observations
 from wrongturn_agents.training.methods.ppo.config import PPOConfig
 from wrongturn_agents.training.stopwatch import Stopwatch
 
