@@ -2,14 +2,13 @@
 
 import time
 from importlib.metadata import entry_points
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from wrongturn_agents.suites import WRONG_COMMAND
-from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.errors import TrainingError, require_extra
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
 
 _Threads = Annotated[
@@ -58,7 +57,7 @@ def train(
 
     Example: wrongturn train doubting-segmentation --minutes 10
     """
-    _require_extra()
+    require_extra()
     from wrongturn_agents.training.display import Display  # noqa: PLC0415
     from wrongturn_agents.training.method import find_method  # noqa: PLC0415
     from wrongturn_agents.training.run import train as run  # noqa: PLC0415
@@ -112,7 +111,7 @@ def score(
 
     Example: wrongturn score runs/ppo-image-3/best.pt --suite wrong-command@2
     """
-    _require_extra()
+    require_extra()
     from wrongturn_agents.training.score import score as run  # noqa: PLC0415
     from wrongturn_agents.training.score import score_agent, summary  # noqa: PLC0415
 
@@ -142,10 +141,3 @@ def _is_agent(name: str) -> bool:
     from wrongturn_agents.training.checkpoint import is_path  # noqa: PLC0415
 
     return name.endswith((".onnx", ".zip")) or name in {agent.name for agent in list_agents()} or not is_path(name)
-
-
-def _require_extra() -> None:
-    """Check that the packages of the extra *training* are installed."""
-    missing = [name for name in ("torch", "stable_baselines3", "wrongturn_sim") if find_spec(name) is None]
-    if missing:
-        raise TrainingError(f"{', '.join(missing)}: not installed; pip install 'wrongturn-agents[training]'")

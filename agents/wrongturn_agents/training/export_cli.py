@@ -7,6 +7,7 @@ import typer
 from typer.core import TyperGroup
 
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+from wrongturn_agents.training.errors import TrainingError, require_extra
 
 _COMPARED = 200
 _CHECKPOINT = "checkpoint"
@@ -75,16 +76,13 @@ def export_checkpoint(
 
     Example: wrongturn export runs/ppo-image-3/best.pt ppo-image.onnx
     """
-    from wrongturn_agents.training.errors import TrainingError  # noqa: PLC0415 - keeps the program's start quick
+    require_extra()
+    from wrongturn_agents.training.drive import is_driver  # noqa: PLC0415 - keeps the program's start quick
+    from wrongturn_agents.training.export.export import export as write  # noqa: PLC0415
+    from wrongturn_agents.training.export.export import sha256  # noqa: PLC0415
+    from wrongturn_agents.training.method import load  # noqa: PLC0415
+    from wrongturn_agents.training.recording import record_observations  # noqa: PLC0415
 
-    try:
-        from wrongturn_agents.training.drive import is_driver  # noqa: PLC0415
-        from wrongturn_agents.training.export.export import export as write  # noqa: PLC0415
-        from wrongturn_agents.training.export.export import sha256  # noqa: PLC0415
-        from wrongturn_agents.training.method import load  # noqa: PLC0415
-        from wrongturn_agents.training.recording import record_observations  # noqa: PLC0415
-    except ImportError as error:
-        raise TrainingError(_missing(error)) from error
     if not checkpoint.exists() and str(checkpoint) in SHIPPED_AGENTS:
         raise TrainingError(f"checkpoint: {checkpoint} is a shipped agent, an ONNX file already; name a run's best.pt")
     loaded = load(checkpoint)  # reports a damaged checkpoint before minutes go into observations
@@ -139,12 +137,9 @@ def export_sb3(
 
     Example: wrongturn export sb3 agent.zip --out agent.onnx
     """
-    from wrongturn_agents.training.errors import TrainingError  # noqa: PLC0415
+    require_extra()
+    from wrongturn_agents.training.export import sb3, sb3_policy  # noqa: PLC0415
 
-    try:
-        from wrongturn_agents.training.export import sb3, sb3_policy  # noqa: PLC0415
-    except ImportError as error:
-        raise TrainingError(_missing(error)) from error
     sb3_policy.check_files(file, vecnormalize)
     loaded = " and ".join(str(each) for each in (file, vecnormalize) if each is not None)
     typer.echo(f"Loading {loaded} runs code that is named inside: export only files that you trust.", err=True)
@@ -158,14 +153,4 @@ def export_sb3(
     typer.echo(
         f"On {sb3.COMPARED} sampled observations its actions differ from the policy's by {made.greatest:.2g} at most"
         + (f" (by more than {sb3.TOLERANCE} on {made.exceptions})" if made.exceptions else "")
-    )
-
-
-def _missing(error: ImportError) -> str:
-    """Return what to install, after an import failed."""
-    from wrongturn_client.invocation import python  # noqa: PLC0415
-
-    return (
-        f"export: {error.name} is not installed; install what it needs with: "
-        f"{python()} -m pip install 'wrongturn-agents[training]'"
     )

@@ -38,23 +38,17 @@ def test_the_best_stays_what_it_was(model):
     candidates = Candidates(model)
     now(model, 1.0)
     candidates.judged(candidates.to_judge(1, again=False)[0], told(0.5))
-    candidates.begin_anew()
+    assert len(candidates.to_judge(1, again=True)) == 1  # one that is two of them drives once
     now(model, 2.0)
     candidates.drove(7.0, 2)
     now(model, 3.0)
     chosen = candidates.to_judge(3, again=True)
     assert [weight(one) for one in chosen] == [3.0, 2.0, 1.0]
     candidates.judged(chosen[1], told(0.75))
-    candidates.begin_anew()
+    candidates.promising = None
     for value in (4.0, 5.0, 6.0):  # the memory of those forgotten is used again
         now(model, value)
         candidates.drove(value, int(value))
     now(model, 7.0)
     assert (weight(candidates.best), candidates.best.steps, candidates.best.evaluation) == (2.0, 2, told(0.75))
     assert [weight(one) for one in candidates.to_judge(7, again=True)] == [7.0, 6.0, 2.0]
-
-
-def test_one_that_is_two_of_them_drives_once(model):
-    candidates = Candidates(model)
-    candidates.judged(candidates.to_judge(5, again=False)[0], told(0.5))
-    assert len(candidates.to_judge(5, again=True)) == 1

@@ -70,65 +70,45 @@ def test_a_short_training_beats_chance_in_towns_never_seen(tmp_path: Path, monke
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("precision", [pytest.param("fp32", marks=pytest.mark.soak), "fp16"])
-def test_the_file_drives_as_the_parts_do(checkpoint: Path, whole: Path, precision: str, tmp_path: Path) -> None:
-    """One car drives a whole trial with the file; each step is repeated by network, gate and driving agent."""
-    file = whole
-    if precision != "fp16":
-        file = tmp_path / "doubting.onnx"
-        export(checkpoint, file, precision)
-    agent = resolve(str(file)).make()
-    doubt = load(checkpoint).model
-    parts, driving = GatedDoubt(doubt, Gate()).eval(), resolve("ppo-segmentation").make()
-    memory, commands = torch.zeros(1, MEMORY), set()
+def test_the_file_drives_as_the_parts_do(
+    checkpoint: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One car drives whole trials with one file. The two files that are shipped, and torch, repeat each step."""
+    write_doubting(load(checkpoint), tmp_path / f"{NAME}.gate.onnx", "fp16", whole=False)
+    (tmp_path / "ppo-segmentation.onnx").symlink_to(SHIPPED_AGENTS["ppo-segmentation"].file)
+    monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
+    source, in_one = resolve(NAME), resolve(str(whole))
+    assert source.trained_on_faults
+    assert in_one.trained_on_faults
+    assert (source.name, source.track) == (in_one.name, in_one.track)
+    agent, shipped, beside = in_one.make(), source.make(), source.make()
+    parts, driving = GatedDoubt(load(checkpoint).model, Gate()).eval(), resolve("ppo-segmentation").make()
+    commands = set()
+    envs = WrongturnVectorEnv(
+        1, "Town01", "segmentation", fault="infeasible", autoreset_mode=AutoresetMode.DISABLED, record=False
+    )
     for seed in (1, 3):
-        envs = WrongturnVectorEnv(
-            1, "Town01", "segmentation", fault="infeasible", autoreset_mode=AutoresetMode.DISABLED, record=False
-        )
         observation, _ = envs.reset(seed=seed)
-        agent.reset(envs.single_observation_space)
+        first = {name: array[0].copy() for name, array in observation.items()}
+        for one in (agent, shipped, beside):
+            one.reset(envs.single_observation_space)
         memory = torch.zeros(1, MEMORY)
         ended = False
         while not ended:
-            one = {name: array[0] for name, array in observation.items()}
+            seen = {name: array[0] for name, array in observation.items()}
             with torch.inference_mode():
                 tensors = {name: torch.from_numpy(array) for name, array in observation.items()}
                 command, memory = parts(tensors, memory)
             commands.add(int(command.item()))
-            wanted = driving.act({**one, "command": command.numpy()[0]})
-            action = agent.act(one)
-            tolerance = 1e-4 if precision == "fp32" else 0.02
-            actions, others = (np.array([[one.steer, one.throttle, one.brake]], np.float32) for one in (action, wanted))
-            assert np.allclose(actions, others, atol=tolerance)
-            observation, _, terminated, truncated, _ = envs.step(actions)
+            wanted = driving.act({**seen, "command": command.numpy()[0]})
+            action = agent.act(seen)
+            assert action == shipped.act(seen)
+            assert np.allclose(*(np.array([one.steer, one.throttle, one.brake]) for one in (action, wanted)), atol=0.02)
+            controls = np.array([[action.steer, action.throttle, action.brake]], np.float32)
+            observation, _, terminated, truncated, _ = envs.step(controls)
             ended = bool(terminated[0] or truncated[0])
-        envs.close()
-    assert len(commands) > 1
-
-
-@pytest.mark.slow
-def test_the_parts_that_are_shipped_drive_as_the_whole_file(
-    checkpoint: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_doubting(load(checkpoint), tmp_path / "doubting-segmentation.gate.onnx", "fp16", whole=False)
-    (tmp_path / "ppo-segmentation.onnx").symlink_to(SHIPPED_AGENTS["ppo-segmentation"].file)
-    monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
-    source, in_one = resolve("doubting-segmentation"), resolve(str(whole))
-    assert source.trained_on_faults
-    assert in_one.trained_on_faults
-    assert (source.name, source.track) == (in_one.name, in_one.track)
-    one, other, beside = source.make(), in_one.make(), source.make()
-    envs = WrongturnVectorEnv(1, "Town01", "segmentation", fault="omission", record=False)
-    observation, _ = envs.reset(seed=2)
-    for agent in (one, other, beside):
-        agent.reset(envs.single_observation_space)
-    first = {name: array[0] for name, array in observation.items()}
-    for _ in range(60):
-        seen = {name: array[0] for name, array in observation.items()}
-        action = one.act(seen)
-        assert action == other.act(seen)
-        observation, *_ = envs.step(np.array([[action.steer, action.throttle, action.brake]], np.float32))
     envs.close()
+    assert len(commands) > 1
     # Copies share the loaded files and not the memory.
     fresh = source.make()
     fresh.reset(envs.single_observation_space)

@@ -1,6 +1,5 @@
 """A short training beats a random policy, leaves its files and resumes; its file drives alike."""
 
-import csv
 import json
 import shutil
 from pathlib import Path
@@ -20,6 +19,7 @@ from wrongturn_agents.training.methods.averaging import Pool
 from wrongturn_agents.training.methods.lbc.cars import Cars
 from wrongturn_agents.training.methods.lbc.config import LBCConfig
 from wrongturn_agents.training.methods.lbc.halves import PRIVILEGED_FILE, picture_loss, round_of, taught
+from wrongturn_agents.training.progress_file import read_rows
 from wrongturn_agents.training.recording import record_observations
 from wrongturn_agents.training.run import train
 from wrongturn_agents.training.run_directory import BEST
@@ -39,11 +39,6 @@ def run(tmp_path_factory: pytest.TempPathFactory, small_lbc: None) -> Path:
     return folder
 
 
-def rows_of(curve):
-    with curve.open(newline="") as opened:
-        return list(csv.DictReader(opened))
-
-
 @pytest.mark.slow
 def test_a_short_training_beats_a_random_policy(run):
     random = torch.Generator().manual_seed(1)
@@ -59,7 +54,7 @@ def test_a_short_training_beats_a_random_policy(run):
         assert (found.agent.name, found.told["seed"], found.told["evaluation"]["journeys"]) == (name, 1, 1)
         model = found.model
         assert metres(model.drive_on, torch.zeros(CARS, MEMORY), pictures="rgb" in model.keys) > better * chance
-        rows = rows_of(run / curve)
+        rows = read_rows(run / curve)
         losses = [float(row["loss"]) for row in rows]
         assert losses[-1] < 0.7 * losses[0]
         assert rows[-1]["success_heldout"] != ""
@@ -67,7 +62,6 @@ def test_a_short_training_beats_a_random_policy(run):
 
 
 @pytest.mark.soak  # a training of its own
-@pytest.mark.slow
 def test_the_privileged_agent_is_evaluated_after_its_own_minutes(tmp_path):
     options = (*SMALL, "begin=64", "privileged_share=1e-7")  # less than a millisecond of the hour
     train("lbc", directory=tmp_path, steps=32, minutes=60, options=options, **HERE)
@@ -79,13 +73,13 @@ def test_a_run_resumes_where_it_stopped_and_refuses_what_does_not_fit(run, tmp_p
     folder, more = tmp_path / "run", SAMPLES + 64
     shutil.copytree(run, folder)
     train("lbc", directory=folder, steps=more, resume=True, **HERE)
-    steps = [int(row["step"]) for row in rows_of(folder / "progress.csv")]
+    steps = [int(row["step"]) for row in read_rows(folder / "progress.csv")]
     assert steps == sorted(steps)
     assert steps[-1] == more
-    rows, kept = rows_of(folder / "progress.csv"), load(folder / BEST).told
+    rows, kept = read_rows(folder / "progress.csv"), load(folder / BEST).told
     assert kept["steps"] == more
     train("lbc", directory=folder, minutes=1e-3, resume=True, **HERE)  # they are used up
-    assert rows_of(folder / "progress.csv") == rows
+    assert read_rows(folder / "progress.csv") == rows
     assert load(folder / BEST).told["evaluation"] == kept["evaluation"]
     for arguments, said in (
         ({"resume": True, "seed": 2}, "has seed 1"),

@@ -1,6 +1,5 @@
 """A training of seconds drives better than chance; it resumes, and its file drives as it does."""
 
-import csv
 import json
 import shutil
 
@@ -20,6 +19,7 @@ from wrongturn_agents.training.method import load
 from wrongturn_agents.training.methods.marln.config import MarlnConfig
 from wrongturn_agents.training.methods.marln.learning import Learner
 from wrongturn_agents.training.methods.marln.replay import Decisions, Replay, Sample
+from wrongturn_agents.training.progress_file import read_rows
 from wrongturn_agents.training.run import train
 
 OPTIONS = (
@@ -73,8 +73,7 @@ def test_a_run_goes_on_and_its_file_drives_alike(run, tmp_path):
     assert torch.equal(
         after["network.stem.embedder.convolution.weight"], before["network.stem.embedder.convolution.weight"]
     )
-    with (folder / "progress.csv").open(encoding="utf-8") as file:
-        steps = [int(row["step"]) for row in csv.DictReader(file)]
+    steps = [int(row["step"]) for row in read_rows(folder / "progress.csv")]
     assert steps == sorted(steps)
     assert {STEPS, more} <= set(steps)
     exported = tmp_path / "marln.onnx"

@@ -97,15 +97,6 @@ def test_decisions_are_drawn_in_proportion_to_their_priorities(exponent):
     assert [weights[place] for place in range(4)] == pytest.approx(undone.tolist(), rel=1e-3)
 
 
-def test_weights_may_correct_in_part():
-    replay = made()
-    for time in range(5):
-        replay.add(driven(time))
-    replay.update(torch.arange(4), torch.tensor([1.0, 1.0, 1.0, 16.0]))
-    sample = replay.sample(1000, 0.5, torch.Generator().manual_seed(3))
-    assert sample.weight.unique().tolist() == pytest.approx([0.25, 1.0], rel=1e-3)
-
-
 def test_new_decisions_are_as_likely_as_the_likeliest():
     replay = made()
     for time in range(4):

@@ -38,16 +38,11 @@ def test_an_update_changes_the_policy_and_tells_of_it():
     assert 0 < ppo.figures["divergence"] < 0.1
 
 
-def test_the_policy_that_drove_has_not_diverged():
-    ppo = rolled(small_ppo("ppo-segmentation"))
-    samples = next(ppo.rollout_buffer.get(12))
-    _, terms, divergence = ppo._loss(samples)
+def test_the_policy_that_drove_has_not_diverged_and_an_update_stops_where_it_has_gone_too_far():
+    ppo = rolled(small_ppo("ppo-segmentation", "kl_stop=-1"))
+    _, terms, divergence = ppo._loss(next(ppo.rollout_buffer.get(12)))
     assert divergence.item() == pytest.approx(0.0, abs=1e-6)
     assert terms["clip_fraction"] == 0.0
-
-
-def test_an_update_stops_where_the_policy_has_gone_too_far():
-    ppo = rolled(small_ppo("ppo-segmentation", "kl_stop=-1"))
     before = weights(ppo)
     ppo.train()
     assert ppo.figures["minibatches"] == 0
@@ -75,22 +70,15 @@ def test_an_update_that_loses_the_policy_is_undone():
     assert changed(ppo, before)
 
 
-def test_the_very_first_update_can_be_undone():
-    ppo = rolled(small_ppo("ppo-segmentation", "learning_rate=100"))
+@pytest.mark.parametrize("options", [(), ("batch_size=12", "n_epochs=1")])
+def test_the_very_first_update_can_be_undone_and_its_last_step_is_looked_at_too(options):
+    ppo = rolled(small_ppo("ppo-segmentation", "learning_rate=100", *options))
     before = weights(ppo)
     ppo.train()
+    assert ppo.figures["minibatches"] >= 1
     assert ppo.figures["reverted"] == 1
     assert not changed(ppo, before)
     assert not ppo.policy.optimizer.state
-
-
-def test_the_last_step_is_looked_at_too():
-    ppo = rolled(small_ppo("ppo-segmentation", "learning_rate=100", "batch_size=12", "n_epochs=1"))
-    before = weights(ppo)
-    ppo.train()
-    assert ppo.figures["minibatches"] == 1
-    assert ppo.figures["reverted"] == 1
-    assert not changed(ppo, before)
 
 
 @pytest.mark.parametrize(
@@ -128,33 +116,18 @@ def test_the_learning_rate_falls_to_a_tenth():
     assert rates == pytest.approx([1e-3, 5.5e-4, 1e-4])
 
 
-def gradients(ppo):
-    """Which parts of the agent a minibatch's loss teaches."""
+@pytest.mark.parametrize("auxiliary", [True, False])
+def test_the_auxiliary_loss_teaches_the_decoder_and_both_sigmas(auxiliary):
+    ppo = rolled(small_ppo("ppo-auxiliary", "augment=false", f"auxiliary={auxiliary}"))
     ppo.policy.set_training_mode(True)
     ppo.policy.optimizer.zero_grad(set_to_none=True)
     loss, terms, _ = ppo._loss(next(ppo.rollout_buffer.get(4)))
     loss.backward()
-    taught = {
-        name for name, parameter in ppo.policy.named_parameters() if parameter.grad is not None and parameter.grad.any()
-    }
-    return taught, terms
-
-
-def test_the_auxiliary_loss_teaches_the_decoder_and_both_sigmas():
-    taught, terms = gradients(rolled(small_ppo("ppo-auxiliary", "augment=false")))
-    assert any(name.startswith("model.encoder.decoder.") for name in taught)
-    assert any(name.startswith("model.encoder.segmenting.") for name in taught)
+    taught = {name for name, one in ppo.policy.named_parameters() if one.grad is not None and one.grad.any()}
+    for part in ("encoder.decoder.", "encoder.segmenting.", "homoscedastic.sigma_rl", "homoscedastic.sigma_aux"):
+        assert any(part in name for name in taught) is auxiliary, part
     assert any(name.startswith("model.branches.") for name in taught)
-    assert {"homoscedastic.sigma_rl", "homoscedastic.sigma_aux"} <= taught
-    assert terms["auxiliary_loss"] > 0.5
-
-
-def test_without_it_they_learn_nothing():
-    ppo = rolled(small_ppo("ppo-auxiliary", "augment=false", "auxiliary=false"))
-    taught, terms = gradients(ppo)
-    assert taught
-    assert not any(".decoder." in name or ".segmenting." in name or "sigma" in name for name in taught)
-    assert "auxiliary_loss" not in terms
+    assert (terms.get("auxiliary_loss", 0.0) > 0.5) == auxiliary
 
 
 def test_a_frozen_encoder_is_buffered_by_its_features_and_stays():

@@ -20,8 +20,7 @@ from wrongturn_protocol.observations import action_space, observation_space
 from wrongturn_protocol.wrappers import CarFrame, DiscreteActions, SteerAndPedal
 
 
-@pytest.mark.parametrize("track", [Track.CAMERA, Track.PRIVILEGED])
-@pytest.mark.parametrize("actions", [ACTION_SPACE, action_space()], ids=["accelerate", "controls"])
+@pytest.mark.parametrize(("track", "actions"), [(Track.CAMERA, ACTION_SPACE), (Track.PRIVILEGED, action_space())])
 def test_it_drives_as_the_policy_predicts(tmp_path, track, actions):
     model = ppo(RandomTown(track, actions))
     source = resolve(str(saved(model, tmp_path / "driver.zip")))

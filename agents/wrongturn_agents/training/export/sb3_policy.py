@@ -9,7 +9,6 @@ import sys
 import warnings
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,18 +28,6 @@ _NEEDED: Final = ("policy_class", "policy_kwargs", "observation_space", "action_
 _WANTED: Final = f"name what model.save wrote; policies of {ALGORITHMS} are supported"
 
 
-@dataclass(frozen=True)
-class SavedPolicy:
-    """A policy that Stable-Baselines3 saved, ready to act."""
-
-    policy: BasePolicy
-    algorithm: str
-    """Name of the algorithm, such as ``PPO``."""
-    last_observation: Mapping[str, Any] | Any
-    """The observations that training saw last, with a batch axis; an empty mapping if the file has none. An array if
-    the policy takes one."""
-
-
 def check_files(file: Path, statistics: Path | None) -> None:
     """Check that a model's file is one, and that statistics can be read, without loading either."""
     _keys(file)
@@ -51,8 +38,14 @@ def check_files(file: Path, statistics: Path | None) -> None:
             raise _unreadable(statistics, error) from error
 
 
-def load_policy(file: Path) -> SavedPolicy:
-    """Load the policy of a zip file. This runs code that the file names."""
+def load_policy(file: Path) -> tuple[BasePolicy, str, Any]:
+    """Load the policy of a zip file. This runs code that the file names.
+
+    Returns:
+        policy: ready to act.
+        algorithm: such as ``PPO``.
+        last: the observations that training saw last, with a batch axis, an array or by key; None if it has none.
+    """
     keys = _keys(file)
     data, weights = _load(file, keys)
     policy_class = data["policy_class"]
@@ -69,8 +62,7 @@ def load_policy(file: Path) -> SavedPolicy:
         if not tensor.isfinite().all():
             raise TrainingError(f"{file}: {name}: is not finite, so that it cannot drive; name an earlier one")
     policy.set_training_mode(False)
-    last = data.get("_last_obs")
-    return SavedPolicy(policy, algorithm, {} if last is None else last)
+    return policy, algorithm, data.get("_last_obs")
 
 
 def load_statistics(file: Path) -> VecNormalize:

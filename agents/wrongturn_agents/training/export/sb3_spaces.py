@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from wrongturn_agents.training.action import ACTION_SPACE, controls
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.export.sb3_policy import SavedPolicy, load_policy, load_statistics
+from wrongturn_agents.training.export.sb3_policy import load_policy, load_statistics
 from wrongturn_protocol import Track
 from wrongturn_protocol.model_contract import CONTROLS
 from wrongturn_protocol.observations import FIELDS, Field, Observation, action_space, in_short, observation_space
@@ -60,9 +60,8 @@ class DrivingPolicy:
     """
 
     def __init__(self, file: Path, vecnormalize: Path | None = None, actions: Path | None = None) -> None:
-        saved = load_policy(file)
-        self.policy, self.algorithm = saved.policy, saved.algorithm
-        space = saved.policy.observation_space
+        self.policy, self.algorithm, last = load_policy(file)
+        space = self.policy.observation_space
         self.takes_one = not isinstance(space, spaces.Dict)
         """Whether it takes the array of one key, as behind a wrapper that shows the picture alone."""
         self.statistics = None if vecnormalize is None else load_statistics(vecnormalize)
@@ -71,8 +70,8 @@ class DrivingPolicy:
         fields = [field for field in FIELDS[self.track] if field.name in seen]
         self.keys = tuple(_taken(field, seen[field.name], self.statistics, alone=self.takes_one) for field in fields)
         if self.statistics is None:
-            _check_scale(saved, seen)
-        self.meaning = meaning_of(saved.policy.action_space, actions)
+            _check_scale(last, seen)
+        self.meaning = meaning_of(self.policy.action_space, actions)
 
     def controls(self, observation: Observation) -> NDArray[np.float32]:
         """Return steer, throttle and brake, (3,), as training's wrappers and the policy itself make them."""
@@ -184,13 +183,10 @@ def _scaling(field: Field, shape: tuple[int, ...], statistics: VecNormalize | No
     return Scaling(found.mean, np.sqrt(found.var + statistics.epsilon), float(statistics.clip_obs))
 
 
-def _check_scale(saved: SavedPolicy, seen: Mapping[str, spaces.Space[Any]]) -> None:
-    """Check by the observations that training saw last that no statistics are missing."""
-    last = saved.last_observation
-    if not isinstance(last, Mapping):
-        last = dict.fromkeys(seen, last)
-    for name, space in seen.items():
-        rows = np.asarray(last.get(name, np.empty(0, space.dtype)))
+def _check_scale(last: Any, seen: Mapping[str, spaces.Space[Any]]) -> None:
+    """Check by the observations that training saw last, if they are known, that no statistics are missing."""
+    for name, space in seen.items() if last is not None else ():
+        rows = np.asarray(last.get(name, np.empty(0, space.dtype)) if isinstance(last, Mapping) else last)
         if rows.dtype != space.dtype or not all(space.contains(row) for row in rows):
             raise TrainingError(
                 f"--vecnormalize: is missing: training saw values of {name} that the environment does not have, so "
