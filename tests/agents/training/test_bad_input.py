@@ -1,6 +1,5 @@
 """What a user can get wrong at the command line: one line that names it and the remedy, status 1, and nothing lost."""
 
-import itertools
 import json
 
 import pytest
@@ -67,13 +66,7 @@ def run(tmp_path):
         (["--num-envs", "100000000"], "num_envs"),
         (["--device", "tpu"], "device"),
         (["--teacher", "privileged.pt"], "teacher"),
-        (["--option", "kl_stop=nan"], "kl_stop"),
         (["--option", "n_steps=" + "9" * 5000], "n_steps"),
-        (["--option", "batch_size=1"], "batch_size"),
-        (["--option", "batch_size=16383"], "batch_size"),
-        (["--option", "activation=sinus"], "activation"),
-        (["--option", "window_nearest=0"], "window_nearest"),
-        (["--option", "window_farthest=61"], "window_farthest"),
     ],
 )
 def test_settings_that_cannot_be_make_no_directory(tmp_path, arguments, named):
@@ -87,9 +80,8 @@ def test_an_encoder_that_is_none_makes_no_directory(tmp_path):
     torch.save({"a": 1}, tmp_path / "other.pt")
     torch.save({"state_dict": {"mask": torch.ones(1)}}, tmp_path / "agent.pt")
     wrong = {"missing.pt": "no such file", "text.pt": "damaged", "other.pt": "no encoder", "agent.pt": "no encoder"}
-    for (name, why), method in itertools.product(wrong.items(), ("ppo-image", "marln")):
-        command = ["train", method, "--directory", tmp_path / "run", "--option", f"encoder={tmp_path / name}"]
-        said = refused(*command)
+    for name, why in wrong.items():
+        said = refused("train", "marln", "--directory", tmp_path / "run", "--option", f"encoder={tmp_path / name}")
         assert "option encoder" in said
         assert why in said
         assert not (tmp_path / "run").exists()

@@ -15,10 +15,10 @@ FAST = [*SMALL, "evaluate_every=12"]
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory, small_networks):
-    """A run of two updates, and the same one that was interrupted after one and goes on."""
+    """A run of two updates, and one without traffic that was interrupted after one and goes on."""
     whole, halved = (tmp_path_factory.mktemp(name) for name in ("whole", "halved"))
-    for directory, steps in ((whole, 24), (halved, 12)):
-        train("ppo-segmentation", directory=directory, seed=3, steps=steps, **HERE, options=FAST)
+    train("ppo-segmentation", directory=whole, seed=3, steps=24, **HERE, options=FAST)
+    train("ppo-segmentation", directory=halved, seed=3, steps=12, **HERE, options=[*FAST, "traffic=0"])
     before = read(halved / "state.pt")
     train("ppo-segmentation", directory=halved, steps=24, **HERE, resume=True)
     return whole, halved, before
@@ -41,14 +41,9 @@ def test_a_checkpoint_drives(run):
     assert (found["algorithm"], found["seed"], found["steps"]) == ("ppo-segmentation", 3, 24)
     assert found["evaluation"]["journeys"] == 2
     assert found["versions"]["torch"] == torch.__version__
-    model = load(run[0] / "last.pt").model
-    observation = {
-        "speed": torch.zeros(1, 1),
-        "steering": torch.zeros(1, 1),
-        "command": torch.full((1, 1), 4),
-        "segmentation": torch.zeros((1, 64, 192), dtype=torch.uint8),
-    }
-    assert model.drive(observation).shape == (1, 3)
+    seen = {"speed": torch.zeros(1, 1), "steering": torch.zeros(1, 1), "command": torch.full((1, 1), 4)}
+    picture = torch.zeros((1, 64, 192), dtype=torch.uint8)
+    assert load(run[0] / "last.pt").model.drive({**seen, "segmentation": picture}).shape == (1, 3)
 
 
 def test_a_resumed_run_goes_on(run):
@@ -92,8 +87,7 @@ def test_it_begins_where_it_was_interrupted(run, tmp_path, monkeypatch):
     assert (seen["steps"], seen["remaining"]) == (24, 0.5)
 
 
-def test_without_traffic_no_journey_has_any(tmp_path):
-    train("ppo-segmentation", directory=tmp_path, steps=12, **HERE, options=[*FAST, "traffic=0"])
-    (row,) = read_rows(tmp_path / "progress.csv")[-1:]
+def test_without_traffic_no_journey_has_any(run):
+    (row,) = read_rows(run[1] / "progress.csv")[-1:]
     assert (row["success_heldout"], row["traffic_success_heldout"]) == ("0", "")
-    assert load_checkpoint(tmp_path / "best.pt")["evaluation"]["traffic_success"] is None
+    assert load_checkpoint(run[1] / "best.pt")["evaluation"]["traffic_success"] is None

@@ -2,6 +2,7 @@
 
 import re
 import sys
+import zipfile
 
 import gymnasium
 import numpy as np
@@ -121,15 +122,23 @@ def test_a_policy_that_fails_begins_nothing(tmp_path, monkeypatch):
         cli.run(str(file), suite="smoke@2")
 
 
-@pytest.mark.parametrize("content", [b"", b"PK no zip", None], ids=["empty", "damaged", "a folder"])
-def test_files_that_are_no_model(tmp_path, content):
-    file = tmp_path / "agent.zip"
-    if content is None:
-        file.mkdir()
-    else:
-        file.write_bytes(content)
-    with pytest.raises(ModelFileError, match=re.escape(str(file))):
-        resolve(str(file))
+def test_files_that_are_no_model(tmp_path):
+    (tmp_path / "folder.zip").mkdir()
+    (tmp_path / "empty.zip").touch()
+    with zipfile.ZipFile(tmp_path / "other.zip", "w") as archive:
+        archive.writestr("a.txt", "b")
+    whole = saved(ppo(RandomTown()), tmp_path / "whole.zip").read_bytes()
+    (tmp_path / "cut.zip").write_bytes(whole[:-300])
+    for name, says in (
+        ("missing", "there is no such file"),
+        ("folder", "is no file"),
+        ("empty", "is no zip file, or a damaged one"),
+        ("other", "is a zip file of something else"),
+        ("cut", "or a damaged one"),
+    ):
+        file = tmp_path / f"{name}.zip"
+        with pytest.raises(ModelFileError, match=f"{re.escape(str(file))}.*{says}"):
+            resolve(str(file))
 
 
 def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
