@@ -89,11 +89,9 @@ class DrivingVecEnv(WrongturnVecEnv):
         Raises:
             RuntimeError: there are no actions.
         """
-        if self._waiting is None:
-            raise RuntimeError("step_wait: there are no actions; call step_async first, or step")
-        actions, self._waiting = self._waiting, None
+        actions = controls(self._take_actions())
         with self.stopwatch.part("env"):
-            observation, rewards, terminated, truncated, found = self.envs.step(controls(actions))
+            observation, rewards, terminated, truncated, found = self.envs.step(actions)
             tensors = self._tensors(observation)
         ended = terminated | truncated
         self._returns += rewards

@@ -1,7 +1,6 @@
 """A run's files: weights of agents, and the state from which a run continues."""
 
 import contextlib
-import os
 import platform
 import warnings
 from collections.abc import Callable
@@ -45,11 +44,6 @@ def save_checkpoint(
         weights = {name: one.half() if one.is_floating_point() else one for name, one in weights.items()}
     told = {"algorithm": algorithm or settings.algorithm, "seed": seed, "config": settings.as_dict(), "steps": steps}
     write(path, {**told, "state_dict": weights, "evaluation": evaluation, "versions": versions()})
-
-
-def is_path(name: str) -> bool:
-    """Return whether a name can only mean a file: it ends in ``.pt``, names a folder as well, or such a file exists."""
-    return Path(name).suffix == ".pt" or len(Path(name).parts) > 1 or os.path.isfile(name)  # noqa: PTH113 - takes any name
 
 
 def load_checkpoint(path: Path | str) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """``wrongturn train`` and ``wrongturn score``. Nothing heavy is imported before one of them runs."""
 
+import os
 import time
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -136,8 +137,8 @@ def score(
 
 
 def _is_agent(name: str) -> bool:
-    """Return whether a name is an agent's and no checkpoint's. A bare word that is no file is an agent's, misspelt."""
+    """Return whether a name is an agent's. A bare word that is no file is an agent's, misspelt."""
     from wrongturn_agents.registry import list_agents  # noqa: PLC0415
-    from wrongturn_agents.training.checkpoint import is_path  # noqa: PLC0415
 
-    return name.endswith((".onnx", ".zip")) or name in {agent.name for agent in list_agents()} or not is_path(name)
+    is_path = Path(name).suffix == ".pt" or len(Path(name).parts) > 1 or os.path.isfile(name)  # noqa: PTH113 - takes any name
+    return name.endswith((".onnx", ".zip")) or name in {agent.name for agent in list_agents()} or not is_path

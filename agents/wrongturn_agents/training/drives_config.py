@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.settings import SHARE, Settings
+from wrongturn_agents.training.settings import SHARE, Settings, without
 
 _FARTHEST_WINDOW: Final = 60.0
 _SHARES: Final = (
@@ -136,3 +136,28 @@ class DrivesConfig(CarsConfig):
     """
     evaluate_every: int = 600_000
     """Steps between two evaluations on held-out journeys."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PretrainedConfig(DrivesConfig):
+    """Settings of a learner whose encoder learns to see before it drives."""
+
+    pretrained: bool = True
+    """Ablation: without it the encoder starts at random."""
+    augment: bool = True
+    """Ablation: augment RGB (erasing, blur, hue, saturation, brightness), in pretraining and while driving."""
+    pretraining_frames: int = 131_000
+    """Frames, or stacks of them, of random places in Town01 for the encoder's pretraining."""
+    pretraining_passes: float = 3.0
+    """Number of times that each frame is used, on average."""
+    pretraining_batch: int = 512
+    """Frames of a minibatch in pretraining. With fewer, a GPU mostly waits for its kernels to be launched."""
+    pretraining_rate: float = 1e-3
+    """Greatest learning rate of pretraining (AdamW, one cycle)."""
+    encoder: str = ""
+    """Path of a run's ``encoder.pt`` to use instead of a new pretraining."""
+
+    @property
+    def variant(self) -> str | None:
+        """``without-pretraining``, ``without-augmentation``, both or None."""
+        return without(pretraining=self.pretrained, augmentation=self.augment)

@@ -50,7 +50,8 @@ class WrongturnVecEnv(VecEnv):
             seed=None if all(seed is None for seed in self._seeds) else list(self._seeds),
             options=options[0] if options else None,
         )
-        self.reset_infos = [{"trial": trial, "town": town} for trial, town in _pairs(infos, "trial", "town")]
+        both = zip(infos["trial"], infos["town"], strict=True)
+        self.reset_infos = [{"trial": trial, "town": town} for trial, town in both]
         self._reset_seeds()
         self._reset_options()
         return observation
@@ -66,10 +67,7 @@ class WrongturnVecEnv(VecEnv):
             InvalidActionError: a field is not a finite number in its range.
             RuntimeError: there are no actions.
         """
-        if self._waiting is None:
-            raise RuntimeError("step_wait: there are no actions; call step_async first, or step")
-        actions, self._waiting = self._waiting, None
-        observation, rewards, terminated, truncated, found = self.envs.step(actions)
+        observation, rewards, terminated, truncated, found = self.envs.step(self._take_actions())
         ended = terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for i in np.flatnonzero(ended).tolist():
@@ -81,6 +79,12 @@ class WrongturnVecEnv(VecEnv):
                 "town": found["town"][i],
             }
         return observation, rewards.astype(np.float32), ended, infos
+
+    def _take_actions(self) -> NDArray[Any]:
+        if self._waiting is None:
+            raise RuntimeError("step_wait: there are no actions; call step_async first, or step")
+        actions, self._waiting = self._waiting, None
+        return actions
 
     def close(self) -> None:
         """Stop the threads."""
@@ -127,7 +131,3 @@ class WrongturnVecEnv(VecEnv):
 def _of(infos: dict[str, Any], i: int) -> dict[str, Any]:
     """Return the infos of one environment."""
     return {name: infos[name][i] for name in infos if not name.startswith("_") and infos[f"_{name}"][i]}
-
-
-def _pairs(infos: dict[str, Any], *names: str) -> Iterable[tuple[Any, ...]]:
-    return zip(*(infos[name] for name in names), strict=True)

@@ -1,9 +1,7 @@
 """Smaller weights in an ONNX graph: 16 bits, and 8 bits for convolutions."""
 
-import logging
 import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,6 +11,7 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from wrongturn_agents.onnx_agent import load_onnxruntime
+from wrongturn_agents.training.export.writing import quiet
 
 _WORTH: Final = 1_000
 """Tensors with fewer numbers stay as they are."""
@@ -67,7 +66,7 @@ def quantise(model: onnx.ModelProto, observations: Mapping[str, NDArray[Any]]) -
             i = next(self.left, None)
             return None if i is None else {key: array[i : i + 1] for key, array in observations.items()}
 
-    with tempfile.TemporaryDirectory() as folder, _quiet():
+    with tempfile.TemporaryDirectory() as folder, quiet():  # onnxruntime advises steps that are done
         plain, quantised = Path(folder, "plain.onnx"), Path(folder, "quantised.onnx")
         onnx.save(model, plain)
         quantize_static(
@@ -92,15 +91,3 @@ def _is_wide(node: onnx.NodeProto, graph: onnx.GraphProto) -> bool:
     # onnxruntime cannot multiply by several matrices side by side in 8 bits, as the heads of the commands are.
     weights = {tensor.name: np.prod(tensor.dims) for tensor in graph.initializer if len(tensor.dims) != _STACKED}
     return least is not None and any(weights.get(name, 0) > least for name in node.input)
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Silence onnxruntime's advice about steps that the exporter has already done."""
-    logger = logging.getLogger()
-    level = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)

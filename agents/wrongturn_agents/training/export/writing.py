@@ -20,13 +20,7 @@ OPSET: Final = 18
 
 
 def check_target(file: Path, name: str | None = None, said: str = "FILE") -> None:
-    """Check before any work that a file can be written, and that its agent may have the name.
-
-    Args:
-        file: the file to write.
-        name: the agent's name on the leaderboard, if the user gives one.
-        said: what the user calls the file, for the error.
-    """
+    """Check before any work that a file, which the user calls ``said``, can be written, and its agent have the name."""
     if file.is_dir() or not file.absolute().parent.is_dir():
         raise TrainingError(f"{said}: {file} cannot be written; name a file in a directory that exists")
     if file.suffix != ".onnx":
@@ -51,7 +45,9 @@ def export_graph(
         outputs: names of the outputs.
         dynamic_shapes: free axes, by argument, as ``torch.export`` takes them; None for none.
     """
-    with _quiet():
+    # Messages are about optional packages and the exporter's own deprecations.
+    with quiet("torch.onnx._internal.exporter._registration"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
         program = torch.onnx.export(
             module,
             kwargs=dict(arguments),
@@ -92,14 +88,12 @@ def _strip(proto: onnx.ModelProto) -> None:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
-    """Silence the exporter's messages about optional packages and its own deprecations."""
-    logger = logging.getLogger("torch.onnx._internal.exporter._registration")
+def quiet(name: str | None = None) -> Iterator[None]:
+    """Silence what is less than an error of a logger, or of the root."""
+    logger = logging.getLogger(name)
     level = logger.level
     logger.setLevel(logging.ERROR)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
+        yield
     finally:
         logger.setLevel(level)

@@ -12,11 +12,8 @@ from wrongturn_agents.training.run import Run
 class AveragedLearner:
     """An agent that learns by AdamW, and the average of its weights, which is what is kept.
 
-    The learning rate rises over the settings' ``warm_up`` updates, and falls linearly to a hundredth.
-
-    Args:
-        agent: the agent, on its device.
-        settings: have ``learning_rate``, ``warm_up``, ``weight_decay`` and ``average``, the weight of the past.
+    The learning rate rises over the settings' ``warm_up`` updates, and falls linearly to a hundredth. Their ``average``
+    is the weight of the past.
     """
 
     def __init__(self, agent: nn.Module, settings: Any) -> None:
@@ -35,13 +32,7 @@ class AveragedLearner:
         )
 
     def learn(self, loss: Tensor, count: int, share: float) -> None:
-        """Update the weights.
-
-        Args:
-            loss: mean over a minibatch.
-            count: samples in the minibatch.
-            share: how much of the learning is over, from 0 to 1.
-        """
+        """Update the weights by the mean loss of a minibatch, when a share of the learning is over."""
         settings = self._settings
         rate = settings.learning_rate * min(1.0, (self._updates + 1) / settings.warm_up) * max(1.0 - share, 0.01)
         for group in self._optimizer.param_groups:

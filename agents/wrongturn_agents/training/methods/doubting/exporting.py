@@ -48,13 +48,8 @@ def write_doubting(
 ) -> None:
     """Write a doubting agent as one ONNX file.
 
-    Args:
-        loaded: what doubts, from the ``best.pt`` of ``wrongturn train doubting``.
-        file: the file to write.
-        precision: ``fp32`` or ``fp16``, of the weights that see; the driving agent's stay as they are shipped.
-        name: the agent's name on the leaderboard; the algorithm by default.
-        gate: settings of the gate; the shipped ones by default.
-        whole: False writes only what doubts, as the shipped agents have it: its output is the command to obey.
+    The precision, ``fp32`` or ``fp16``, is that of the weights that see; the driving agent's stay as they are shipped.
+    Not ``whole``, the file has only what doubts, as the shipped agents have it: its output is the command to obey.
     """
     check_target(file, name)
     if precision not in {Precision.FP32, Precision.FP16}:

@@ -21,13 +21,7 @@ TOWN: Final = "Town01"
 
 
 class Cars:
-    """A number of cars with right commands, each on one drive after the other.
-
-    Args:
-        seed: seed of starts, routes, weathers and traffic.
-        pictures: render what the cars' cameras see.
-        device: device of the tensors. On CUDA the pictures are rendered there.
-        threads: threads that share simulation and camera.
+    """A number of cars with right commands, each on one drive after the other; with ``pictures``, with a camera each.
 
     Attributes:
         ended: verdicts of the drives that ended since it was last emptied.

@@ -68,11 +68,7 @@ class Half(ABC):
 
     @abstractmethod
     def teach(self, seen: dict[str, Tensor], share: float) -> tuple[dict[str, Tensor], Tensor, Tensor]:
-        """Return samples of what the cars see, waypoints to drive by, and which cars may be disturbed.
-
-        Args:
-            seen: (n, ...) for each key.
-            share: how much of the learning is over, from 0 to 1.
+        """Return samples of what the cars see, (n, ...) for each key, when a share of the learning is over.
 
         Returns:
             samples: (m, ...) for each key.

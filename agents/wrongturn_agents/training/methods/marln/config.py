@@ -5,24 +5,24 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 from wrongturn_agents.models.marln import FRAMES
-from wrongturn_agents.training.drives_config import DrivesConfig
+from wrongturn_agents.training.drives_config import PretrainedConfig
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.settings import PIXELS, SHARE, without
+from wrongturn_agents.training.settings import PIXELS, SHARE
 
 _FEATURES: Final = 2 * 6144
 """Bytes of a decision's encoded pictures."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class MarlnConfig(DrivesConfig):
+class MarlnConfig(PretrainedConfig):
     """``marln``: ResNet-18 on four pictures, pretrained on affordances and frozen; Rainbow-IQN trains what follows."""
 
     algorithm: ClassVar[str] = "marln"
     track: ClassVar[str] = "camera"
     keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "rgb")
-    RANGES: ClassVar = {**DrivesConfig.RANGES, **dict.fromkeys(("priority_exponent", "priority_weight"), SHARE)}
+    RANGES: ClassVar = {**PretrainedConfig.RANGES, **dict.fromkeys(("priority_exponent", "priority_weight"), SHARE)}
     POSITIVE: ClassVar[tuple[str, ...]] = (
-        *DrivesConfig.POSITIVE,
+        *PretrainedConfig.POSITIVE,
         "replay_ratio",
         "kappa",
         "pretraining_minutes",
@@ -82,22 +82,12 @@ class MarlnConfig(DrivesConfig):
     max_grad_norm: float = 10.0
     """Greatest norm of the gradient. A longer gradient is shortened."""
 
-    pretrained: bool = True
-    """Ablation: without it the encoder stays as it was drawn at random, and is frozen as well."""
-    augment: bool = True
-    """Ablation: augment RGB (erasing, blur, hue, saturation, brightness)."""
     pretraining_frames: int = 400_000
     """Stacks of pictures for the encoder's pretraining."""
     pretraining_passes: float = 2.0
     """Number of times that each stack is used, on average."""
-    pretraining_batch: int = 512
-    """Stacks of a minibatch in pretraining."""
-    pretraining_rate: float = 1e-3
-    """Greatest learning rate of pretraining (AdamW, one cycle)."""
     pretraining_minutes: float = 1_000.0
     """Most minutes of pretraining. Its learning rate falls with frames or minutes, whichever is further on."""
-    encoder: str = ""
-    """Path of a run's ``encoder.pt`` to use instead of a new pretraining."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -111,11 +101,6 @@ class MarlnConfig(DrivesConfig):
             raise TrainingError(
                 f"option learn_after: is {self.learn_after}, before the first returns are there; give {least} or more"
             )
-
-    @property
-    def variant(self) -> str | None:
-        """``without-pretraining``, ``without-augmentation``, both or None."""
-        return without(pretraining=self.pretrained, augmentation=self.augment)
 
     def memory(self) -> Iterable[tuple[str, int, str]]:
         """Return the bytes of the replay memory, and of the cars' pictures beside it."""

@@ -13,12 +13,7 @@ from wrongturn_agents.training.methods.marln.replay import Replay, Sample
 
 
 class Learner:
-    """Trains the layers behind the frozen encoder.
-
-    Args:
-        values: what learns, on its device.
-        generator: random generator on the device, for shares and noise.
-    """
+    """Trains the layers behind the frozen encoder. The generator, on their device, is for shares and noise."""
 
     def __init__(self, values: ValueNetwork, config: MarlnConfig, generator: torch.Generator) -> None:
         self.values, self.config, self._generator = values, config, generator

@@ -46,11 +46,9 @@ class Sample(NamedTuple):
 
 
 class Replay:
-    """The newest decisions of a number of cars, and how likely each is replayed.
+    """The newest ``size`` decisions of a number of cars, and how likely each is replayed.
 
-    Args:
-        size: number of decisions; rounded down to whole times of all cars.
-        exponent: exponent of the priorities; 0 replays all alike.
+    With an exponent of the priorities of 0, all are replayed alike.
     """
 
     def __init__(

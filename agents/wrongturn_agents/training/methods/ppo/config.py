@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-from wrongturn_agents.training.drives_config import DrivesConfig
+from wrongturn_agents.training.drives_config import DrivesConfig, PretrainedConfig
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.settings import ANY, PIXELS, SHARE, without
 
@@ -131,7 +131,7 @@ class SegmentationConfig(PPOConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImageConfig(PPOConfig):
+class ImageConfig(PretrainedConfig, PPOConfig):
     """``ppo-image``: ResNet-34 pretrained on segmentation and frozen; PPO trains the layers after it."""
 
     algorithm: ClassVar[str] = "ppo-image"
@@ -150,30 +150,11 @@ class ImageConfig(PPOConfig):
     """Share of the learning rate for the layer from 6,144 to 512. At 1, 65 to 70 % of its outputs die, and many runs
     never learn one of the turns.
     """
-    pretrained: bool = True
-    """Ablation: without it the encoder starts at random and learns from PPO's loss alone."""
-    augment: bool = True
-    """Ablation: augment RGB (erasing, blur, hue, saturation, brightness), in pretraining and while driving."""
-    pretraining_frames: int = 131_000
-    """Frames of random places in Town01 for the encoder's pretraining."""
-    pretraining_passes: float = 3.0
-    """Number of times that each frame is used, on average."""
-    pretraining_batch: int = 512
-    """Frames of a minibatch in pretraining. With fewer, a GPU mostly waits for its kernels to be launched."""
-    pretraining_rate: float = 1e-3
-    """Greatest learning rate of pretraining (AdamW, one cycle)."""
-    encoder: str = ""
-    """Path of a run's ``encoder.pt`` to use instead of a new pretraining."""
 
     @property
     def statistics(self) -> bool:
         """False with pretraining: the statistics stay as they are."""
         return not self.pretrained
-
-    @property
-    def variant(self) -> str | None:
-        """``without-pretraining``, ``without-augmentation``, both or None."""
-        return without(pretraining=self.pretrained, augmentation=self.augment)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,13 +19,9 @@ _LOG_ROOT = 0.5 * math.log(2.0 * math.pi)
 
 
 class WrongturnPolicy(ActorCriticPolicy):
-    """An actor-critic of ``wrongturn_agents.models`` with a Gaussian over steer and accelerate.
+    """An actor-critic of ours, which ``model`` returns, with a Gaussian over steer and accelerate.
 
-    Args:
-        action_space: (2,).
-        lr_schedule: learning rate by the remaining share of the run.
-        model: returns the agent.
-        stopwatch: counts forward passes while driving as ``policy``.
+    The stopwatch counts forward passes while driving as ``policy``.
     """
 
     model: ActorCritic

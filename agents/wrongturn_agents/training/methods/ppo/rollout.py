@@ -117,21 +117,14 @@ class DeviceRolloutBuffer(RolloutBuffer):
         with self._stopwatch.part("buffer"):
             for name, tensor in self.observations.items():
                 tensor[self.pos].copy_(torch.as_tensor(obs[name]))
-            self.actions[self.pos].copy_(torch.as_tensor(action))
-            self.rewards[self.pos].copy_(torch.as_tensor(reward))
-            self.episode_starts[self.pos].copy_(torch.as_tensor(episode_start))
-            self.values[self.pos].copy_(value.flatten())
-            self.log_probs[self.pos].copy_(log_prob)
+            kept = (self.actions, self.rewards, self.episode_starts, self.values, self.log_probs)
+            for tensor, given in zip(kept, (action, reward, episode_start, value.flatten(), log_prob), strict=True):
+                tensor[self.pos].copy_(torch.as_tensor(given))
         self.pos += 1
         self.full = self.pos == self.buffer_size
 
     def compute_returns_and_advantage(self, last_values: Tensor, dones: NDArray[np.bool_]) -> None:
-        """Fill returns and advantages with GAE (Schulman et al. 2016).
-
-        Args:
-            last_values: (n_envs,) or (n_envs, 1): values after the last decision.
-            dones: (n_envs,): whether an episode ended with the last decision.
-        """
+        """Fill returns and advantages with GAE (Schulman et al. 2016), by the values after the last decision."""
         following = last_values.flatten().float()
         lasting = 1.0 - torch.as_tensor(dones, dtype=torch.float32, device=self.device)
         advantage = torch.zeros_like(following)
