@@ -112,26 +112,19 @@ def drive_trials(
         **({"backend": "cuda"} if device.type == "cuda" else {}),
     }
     width = batch or (256 if device.type == "cuda" else 16)
-    assigned = [_Assignment(model, trial) for model in models for trial in trials]
+    assigned = [(model, trial) for model in models for trial in trials]
     found: dict[int, DrivenTrial] = {}
-    by_town = sorted(range(len(assigned)), key=lambda i: assigned[i].trial.town)
-    for town, numbers in groupby(by_town, key=lambda i: assigned[i].trial.town):
+    by_town = sorted(range(len(assigned)), key=lambda i: assigned[i][1].town)
+    for town, numbers in groupby(by_town, key=lambda i: assigned[i][1].town):
         found |= _in_town(town, list(numbers), assigned, device, width, patience, stop, options)
     count = len(trials)
     return [[found[i * count + k] for k in range(count)] for i in range(len(models))]
 
 
-class _Assignment(NamedTuple):
-    """A trial and the model that drives it."""
-
-    model: AnyModel
-    trial: Trial
-
-
 def _in_town(
     town: str,
     numbers: list[int],
-    assigned: Sequence[_Assignment],
+    assigned: Sequence[tuple[AnyModel, Trial]],
     device: torch.device,
     width: int,
     patience: float | None,
@@ -141,15 +134,15 @@ def _in_town(
     count = min(width, len(numbers))
     envs = WrongturnVectorEnv(count, town, **options, record=False, copy=False, autoreset_mode=AutoresetMode.DISABLED)
     # The longest trials come first, so that fewer cars wait for the last ones.
-    waiting = sorted(numbers, key=lambda i: -_time_limit(assigned[i].trial))
+    waiting = sorted(numbers, key=lambda i: -_time_limit(assigned[i][1]))
     driving: list[int | None] = [waiting.pop(0) for _ in range(count)]
     current = [assigned[i] for i in driving if i is not None]
     rewards, stood = np.zeros(count), np.zeros(count, np.int64)
-    memories = {one.model: begin(one.model, count) for one in assigned}
-    observation, _ = envs.reset(seed=0, options={"trial": [one.trial for one in current]})
+    memories = {model: begin(model, count) for model, _ in assigned}
+    observation, _ = envs.reset(seed=0, options={"trial": [trial for _, trial in current]})
     try:
         while any(number is not None for number in driving):
-            models = [None if number is None else assigned[number].model for number in driving]
+            models = [None if number is None else assigned[number][0] for number in driving]
             actions = _actions(models, observation, memories, device)
             observation, earned, terminated, truncated, infos = envs.step(actions)
             ended = terminated | truncated
@@ -158,7 +151,7 @@ def _in_town(
             stood = np.where(stands, stood + 1, 0)
             if stop():
                 left = [number for number in (*driving, *waiting) if number is not None]
-                yield from ((number, DrivenTrial(assigned[number].trial, None, 0.0, True)) for number in left)
+                yield from ((number, DrivenTrial(assigned[number][1], None, 0.0, True)) for number in left)
                 return
             given_up = np.zeros(count, np.bool_) if patience is None else stood >= patience * _PER_SECOND
             restarted = np.zeros(count, np.bool_)
@@ -166,7 +159,7 @@ def _in_town(
                 number = driving[k]
                 if number is not None:
                     outcome = Outcome.model_validate(infos["outcome"][k]) if ended[k] else None
-                    yield number, DrivenTrial(assigned[number].trial, outcome, float(rewards[k]))
+                    yield number, DrivenTrial(assigned[number][1], outcome, float(rewards[k]))
                     driving[k] = waiting.pop(0) if waiting else None
                 # All cars step together. A car without a trial repeats its last one, which does not count.
                 following = driving[k]
@@ -174,7 +167,7 @@ def _in_town(
                     current[k] = current[k] if following is None else assigned[following]
                     restarted[k], rewards[k], stood[k] = True, 0.0, 0
             if restarted.any() and any(number is not None for number in driving):
-                trials = [one.trial for one in current]
+                trials = [trial for _, trial in current]
                 observation, _ = envs.reset(options={"trial": trials, "reset_mask": restarted})
                 for model, memory in memories.items():
                     cars = torch.as_tensor(np.flatnonzero(restarted), device=memory.device)

@@ -11,14 +11,6 @@ from wrongturn_agents.training.errors import TrainingError, require_extra
 
 _COMPARED = 200
 _CHECKPOINT = "checkpoint"
-_Out = Annotated[
-    Path,
-    typer.Option("--out", help="File to write. Example: --out agent.onnx", metavar="FILE.onnx", show_default=False),
-]
-_Name = Annotated[
-    str | None,
-    typer.Option(help="Name on the leaderboard; the file's by default. Example: --name my-agent", show_default=False),
-]
 
 
 class _Exports(TyperGroup):
@@ -105,7 +97,10 @@ def export_sb3(
             show_default=False,
         ),
     ],
-    out: _Out,
+    out: Annotated[
+        Path,
+        typer.Option("--out", help="File to write. Example: --out agent.onnx", metavar="FILE.onnx", show_default=False),
+    ],
     *,
     vecnormalize: Annotated[
         Path | None,
@@ -122,7 +117,12 @@ def export_sb3(
             show_default=False,
         ),
     ] = None,
-    name: _Name = None,
+    name: Annotated[
+        str | None,
+        typer.Option(
+            help="Name on the leaderboard; the file's by default. Example: --name my-agent", show_default=False
+        ),
+    ] = None,
     description: Annotated[
         str | None,
         typer.Option(

@@ -72,17 +72,13 @@ def export(
         name: the agent's name on the leaderboard; the algorithm by default.
         observations: (n, ...) for each input, to calibrate int8 with; recorded by default.
         compared: recorded observations on which to compare the file's actions with the checkpoint's. The file's
-            metadata keeps the result.
-
-    Returns:
-        The comparison, if there was one.
+            metadata keeps the result, which is returned.
     """
     file = Path(file)
     check_target(file, name)
     loaded = load(checkpoint)
-    found: Agreement | None = loaded.method.export(
-        loaded, file, Precision(precision), name=name, observations=observations, compared=compared
-    )
+    told = {"name": name, "observations": observations, "compared": compared}
+    found: Agreement | None = loaded.method.export(loaded, file, Precision(precision), **told)
     return found
 
 
@@ -175,11 +171,7 @@ class _ExportedAgent(nn.Module):
 def batched_graph(module: nn.Module, agent: TrainedAgent, memory: int, output: str) -> onnx.ModelProto:
     """Return a graph in single precision, with a free batch axis.
 
-    Args:
-        module: from an observation, and from a state if there is a memory, to the output and the next state.
-        agent: its track and keys.
-        memory: how many numbers it remembers; 0 for none.
-        output: name of the output.
+    The module goes from an observation to the output, and if it remembers any numbers, from a state to the next.
     """
     fields = {field.name: field for field in FIELDS[agent.track]}
     # A batch of two, because the exporter takes an axis of length one as fixed.

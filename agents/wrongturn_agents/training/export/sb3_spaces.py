@@ -217,12 +217,7 @@ class Meaning:
 
 
 def meaning_of(space: spaces.Space[Any], file: Path | None) -> Meaning:
-    """Return what the actions of a space mean.
-
-    Args:
-        space: the policy's action space: one of our environments', or discrete.
-        file: JSON file with the controls of each discrete action.
-    """
+    """Return what the actions of a space mean: one of our environments', or discrete with a file of controls."""
     if isinstance(space, spaces.Discrete):
         if file is None:
             raise TrainingError(f"--actions: is missing: the policy has {space.n} discrete actions; name {_TABLE}")

@@ -36,14 +36,11 @@ class Half(ABC):
     """What both halves have in common. An interrupted one goes on from its run's state, with new samples."""
 
     name: ClassVar[str]
-    """Algorithm of the agent that learns."""
+    """Algorithm of the agent that learns, which the run's ``file`` gets; ``curve`` gets the rows of progress."""
     number: ClassVar[int]
     file: ClassVar[str]
-    """File of the run that gets the agent."""
     curve: ClassVar[str]
-    """File of the run that gets the rows of progress."""
     pictures: ClassVar[bool]
-    """Whether it learns from pictures."""
 
     def __init__(self, run: Run, agent: WaypointAgent) -> None:
         config: LBCConfig = run.settings

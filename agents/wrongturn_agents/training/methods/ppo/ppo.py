@@ -32,12 +32,8 @@ class WrongturnPPO(PPO):
     - An update that changes the policy beyond recognition is undone.
 
     A single step of Adam can do the last to a ResNet whose batch normalisation uses running statistics. After such an
-    update the learning rate is halved, and recovers over the next dozens of updates.
-
-    Args:
-        budget: the learning rate falls as it is used up.
-        stopwatch: counts updates as ``learn``.
-        more: ``seed`` and ``device``.
+    update the learning rate is halved, and recovers over the next dozens of updates. It also falls as the budget is
+    used up. The stopwatch counts updates as ``learn``.
     """
 
     policy: WrongturnPolicy
