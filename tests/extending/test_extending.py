@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.method import find_method, load, method_names
-from wrongturn_agents.training.progress_file import read_rows
+from wrongturn_agents.training.progress import read_rows
 from wrongturn_client.cli import app
 from wrongturn_judge import compute
 from wrongturn_networks import catalogue, draw_trial, load_suite, load_town, suite_ids, suites, town_names

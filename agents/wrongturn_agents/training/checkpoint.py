@@ -3,7 +3,6 @@
 import contextlib
 import platform
 import warnings
-from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
@@ -60,11 +59,11 @@ def load_checkpoint(path: Path | str) -> dict[str, Any]:
 def load_weights(
     model: nn.Module,
     weights: dict[str, torch.Tensor],
-    spare: Callable[[str], bool],
+    parts: tuple[str, ...] = ("",),
     what: str = "checkpoint",
     remedy: str = "train it anew",
 ) -> None:
-    """Load weights by name into a network. They may lack those whose name is ``spare``.
+    """Load weights by name into a network. They need those whose names begin with one of some parts.
 
     Raises:
         TrainingError: they do not fit, or are not finite. It begins with ``what``, and ends with ``remedy``.
@@ -73,7 +72,7 @@ def load_weights(
         missing, unexpected = model.load_state_dict(weights, strict=False)
     except (RuntimeError, TypeError, AttributeError) as error:
         raise TrainingError(f"{what}: its weights are not as this version has them; {remedy}") from error
-    lacking = [name for name in missing if not spare(name)]
+    lacking = [name for name in missing if name.startswith(parts)]
     if lacking or unexpected:
         raise TrainingError(f"{what}: {(lacking + unexpected)[0]}: is not as this version has it; {remedy}")
     for name, tensor in model.state_dict().items():

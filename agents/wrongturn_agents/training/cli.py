@@ -59,8 +59,8 @@ def train(
     Example: wrongturn train doubting-segmentation --minutes 10
     """
     require_extra()
-    from wrongturn_agents.training.display import Display  # noqa: PLC0415
     from wrongturn_agents.training.method import find_method  # noqa: PLC0415
+    from wrongturn_agents.training.progress import Display  # noqa: PLC0415
     from wrongturn_agents.training.run import train as run  # noqa: PLC0415
 
     settings = find_method(algorithm).settings()

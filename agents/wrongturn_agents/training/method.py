@@ -13,7 +13,7 @@ from torch import nn
 from wrongturn_agents.training.checkpoint import load_checkpoint, load_weights
 from wrongturn_agents.training.drive import AnyModel
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.progress_file import COLUMNS
+from wrongturn_agents.training.progress import COLUMNS
 from wrongturn_agents.training.settings import Settings
 from wrongturn_protocol import Track
 
@@ -88,10 +88,6 @@ class Method(ABC):
         """
         return None
 
-    def spare(self, weight: str) -> bool:  # noqa: ARG002
-        """Return whether a checkpoint may lack a weight, because only learning needs it."""
-        return False
-
     def load(self, told: Mapping[str, Any], settings: Any, device: torch.device | str = "cpu") -> Any:
         """Return the agent of a checkpoint, ready to drive.
 
@@ -99,7 +95,7 @@ class Method(ABC):
             TrainingError: its weights do not fit this version's networks, or are not finite.
         """
         model = self.build(settings, told["algorithm"])
-        load_weights(model, told["state_dict"], self.spare)
+        load_weights(model, told["state_dict"])
         return model.to(device).eval()
 
     def export(self, loaded: Loaded, file: Path, precision: str, **options: Any) -> Any:

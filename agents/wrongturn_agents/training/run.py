@@ -32,7 +32,7 @@ from wrongturn_agents.training.held_out import (
     with_traffic,
 )
 from wrongturn_agents.training.method import Method, find_method
-from wrongturn_agents.training.progress_file import ProgressFile, Row
+from wrongturn_agents.training.progress import ProgressFile, Row
 from wrongturn_agents.training.run_directory import BEST, ENCODER, LAST, STATE, Begun, check_resumed, held, read_state
 from wrongturn_agents.training.stopwatch import Stopwatch
 

@@ -24,7 +24,7 @@ from wrongturn_agents.training.export.export import export
 from wrongturn_agents.training.method import load
 from wrongturn_agents.training.methods.doubting import frames, method
 from wrongturn_agents.training.methods.doubting.exporting import GatedDoubt, write_doubting
-from wrongturn_agents.training.progress_file import read_rows
+from wrongturn_agents.training.progress import read_rows
 from wrongturn_agents.training.run import train
 from wrongturn_agents.training.score import score
 from wrongturn_networks import load_town

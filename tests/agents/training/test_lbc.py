@@ -19,7 +19,7 @@ from wrongturn_agents.training.methods.averaging import Pool
 from wrongturn_agents.training.methods.lbc.cars import Cars
 from wrongturn_agents.training.methods.lbc.config import LBCConfig
 from wrongturn_agents.training.methods.lbc.halves import PRIVILEGED_FILE, picture_loss, round_of, taught
-from wrongturn_agents.training.progress_file import read_rows
+from wrongturn_agents.training.progress import read_rows
 from wrongturn_agents.training.recording import record_observations
 from wrongturn_agents.training.run import train
 from wrongturn_agents.training.run_directory import BEST

@@ -14,12 +14,12 @@ from wrongturn_agents.models.actor_critic import controls
 from wrongturn_agents.models.marln import ACTIONS, Marln, ValueNetwork
 from wrongturn_agents.onnx_agent import OnnxAgent
 from wrongturn_agents.training.export.export import export
-from wrongturn_agents.training.export.quantisation import quantise
+from wrongturn_agents.training.export.writing import quantise
 from wrongturn_agents.training.method import load
 from wrongturn_agents.training.methods.marln.config import MarlnConfig
 from wrongturn_agents.training.methods.marln.learning import Learner
 from wrongturn_agents.training.methods.marln.replay import Decisions, Replay, Sample
-from wrongturn_agents.training.progress_file import read_rows
+from wrongturn_agents.training.progress import read_rows
 from wrongturn_agents.training.run import train
 
 OPTIONS = (

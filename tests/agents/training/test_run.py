@@ -7,7 +7,7 @@ from small_run import HERE, SMALL
 from wrongturn_agents.training.checkpoint import load_checkpoint, read
 from wrongturn_agents.training.method import load
 from wrongturn_agents.training.methods.ppo.ppo import WrongturnPPO
-from wrongturn_agents.training.progress_file import read_rows
+from wrongturn_agents.training.progress import read_rows
 from wrongturn_agents.training.run import train
 
 FAST = [*SMALL, "evaluate_every=12"]

@@ -16,8 +16,7 @@ from torch import Tensor, nn
 
 from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.training.drive import begin, drive_on
-from wrongturn_agents.training.export.quantisation import halve, quantise
-from wrongturn_agents.training.export.writing import check_target, export_graph, write_graph
+from wrongturn_agents.training.export.writing import check_target, export_graph, halve, quantise, write_graph
 from wrongturn_agents.training.method import Loaded, TrainedAgent, load
 from wrongturn_agents.training.recording import EGOS, record_observations
 from wrongturn_protocol.model_contract import ACTION, STATE_IN, STATE_OUT

@@ -52,9 +52,7 @@ class PretrainedMethod(Method):
         if run.state is not None:
             return
         if run.given is not None:
-            load_weights(
-                module, run.given, lambda name: not name.startswith(self.encoder), "option encoder", "name another"
-            )
+            load_weights(module, run.given, self.encoder, "option encoder", "name another")
         elif run.settings.pretrained:
             torch.manual_seed(run.seed)
             learn()

@@ -14,8 +14,7 @@ from wrongturn_agents.models.gate import MEMORY, Gate, GateConfig
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import Precision, batched_graph, facts_of
-from wrongturn_agents.training.export.quantisation import halve
-from wrongturn_agents.training.export.writing import check_target, write_graph
+from wrongturn_agents.training.export.writing import check_target, halve, write_graph
 from wrongturn_agents.training.method import Loaded
 from wrongturn_protocol.model_contract import ACTION, STATE_OUT
 

@@ -40,10 +40,6 @@ class MarlnMethod(PretrainedMethod):
         model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         return model
 
-    def spare(self, weight: str) -> bool:
-        """Return whether a weight is of the affordances' heads or of the noise."""
-        return weight.startswith("affordances.") or "deviation" in weight
-
     def learn(self, run: Run) -> None:
         """Pretrain the encoder, then drive and learn until the budget is over. A resumed run fills its memory anew."""
         config: MarlnConfig = run.settings

@@ -16,7 +16,6 @@ from wrongturn_agents.training.methods.pretraining import PretrainedMethod, Wand
 from wrongturn_agents.training.run import Run
 from wrongturn_protocol import Track
 
-_UNDRIVEN: Final = ("encoder.decoder.", "encoder.segmenting.")
 _WARMING: Final = 40
 """Batches from which batch normalisation learns its first statistics."""
 
@@ -44,16 +43,6 @@ class PPOMethod(PretrainedMethod):
         with torch.no_grad():
             agent.branches.policy.bias[..., 1] = settings.accelerate
         return agent
-
-    def spare(self, weight: str) -> bool:
-        """Return whether a weight is a decoder's, which only learning needs."""
-        return weight.startswith(_UNDRIVEN)
-
-    def load(self, told: Any, settings: Any, device: torch.device | str = "cpu") -> Any:
-        """Return the agent of a checkpoint. The first checkpoints do not name their activation: it was ReLU."""
-        if "activation" not in told["config"]:
-            settings = self.settings.of({**told["config"], "activation": "relu"})
-        return super().load(told, settings, device)
 
     def learn(self, run: Run) -> None:
         """Pretrain the encoder, if the agent has a frozen one; then drive and learn."""

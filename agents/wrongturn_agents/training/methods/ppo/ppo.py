@@ -19,6 +19,10 @@ from wrongturn_agents.training.methods.ppo.rollout import DeviceRolloutBuffer
 from wrongturn_agents.training.stopwatch import Stopwatch
 
 _LEAST_CAUTION = 1.0 / 64
+_OPTIONS = (
+    *("n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda", "clip_range", "ent_coef", "vf_coef", "max_grad_norm"),
+)
+"""Settings that are Stable-Baselines3's own options."""
 
 
 class WrongturnPPO(PPO):
@@ -57,15 +61,7 @@ class WrongturnPPO(PPO):
             WrongturnPolicy,
             env,
             learning_rate=learning_rate,
-            n_steps=config.n_steps,
-            batch_size=config.batch_size,
-            n_epochs=config.n_epochs,
-            gamma=config.gamma,
-            gae_lambda=config.gae_lambda,
-            clip_range=config.clip_range,
-            ent_coef=config.ent_coef,
-            vf_coef=config.vf_coef,
-            max_grad_norm=config.max_grad_norm,
+            **{name: getattr(config, name) for name in _OPTIONS},
             target_kl=config.kl_stop,
             rollout_buffer_class=DeviceRolloutBuffer,
             rollout_buffer_kwargs={"stopwatch": stopwatch},

@@ -1,7 +1,11 @@
+import sys
+
 import pytest
 
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.progress_file import COLUMNS, ProgressFile, read_rows
+from wrongturn_agents.training.progress import COLUMNS, Display, ProgressFile, read_rows
+
+ROW = {"minutes": 1.25, "step": 16384, "steps_per_second": 2048.4, "done": 0.5, "unit": "steps"}
 
 
 def test_rows_of_an_interrupted_run_are_kept_up_to_its_checkpoint(tmp_path):
@@ -30,3 +34,23 @@ def test_a_damaged_file_is_named_and_kept(tmp_path, content):
 def test_a_folder_in_the_place_of_the_file_is_named(tmp_path):
     with pytest.raises(TrainingError, match=r"cannot be written .*; move it away"):
         ProgressFile(tmp_path, resumed_at=20)
+
+
+def test_evaluations_are_told_at_once_and_rows_now_and_then(capsys, monkeypatch):
+    monkeypatch.setattr("wrongturn_agents.training.progress.time.monotonic", lambda: 100.0)
+    with Display("ppo-image") as display:
+        display.note("pretraining, 4,096 frames, loss 0.500")
+        display.row(ROW)  # too soon after it
+        display.row({**ROW, "reward_mean": 1234.5, "success_heldout": 0.96})
+    assert capsys.readouterr().out.splitlines() == [
+        "ppo-image: pretraining, 4,096 frames, loss 0.500",
+        "ppo-image: 1.2 min, 16,384 steps, 2,048/s, reward of an episode 1,234, held-out journeys 96%",
+    ]
+
+
+def test_a_terminal_has_a_bar(capsys, monkeypatch):
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    with Display("ppo-image") as display:
+        display.row({**ROW, "success_heldout": 0.5})
+        assert display._bar.tasks[0].completed == 0.5
+    assert "held-out journeys 50%" in capsys.readouterr().out
