@@ -57,13 +57,6 @@ def test_a_resumed_run_goes_on(run):
     assert counts[1] > counts[0] > 0
     assert after["updates"] > before["updates"]
     assert after["seconds"] > before["seconds"]
-    # The weights are where the first part left them, but for an update's small steps.
-    moved = [
-        (after["policy"][name] - tensor).abs().max().item()
-        for name, tensor in before["policy"].items()
-        if tensor.is_floating_point()
-    ]
-    assert 0 < max(moved) < 0.05
     # And the schedule is the whole run's.
     rates = [float(read_rows(directory / "progress.csv")[1]["learning_rate"]) for directory in (whole, halved)]
     assert rates[0] == pytest.approx(rates[1])

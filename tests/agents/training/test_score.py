@@ -43,17 +43,9 @@ def test_a_shipped_agent_is_scored_as_it_is():
     assert ResultsFile.model_validate(results).driven == "in process"
 
 
-def test_devices_that_cannot_be(checkpoint):
-    with pytest.raises(TrainingError, match="device"):
-        score(checkpoint, "smoke@2", device="tpu")
-
-
-def test_trials_with_others_are_estimated_apart(checkpoint):
+def test_trials_with_others_are_estimated_apart_and_write_no_results(checkpoint, tmp_path):
     with pytest.raises(TrainingError, match=r"smoke@2 has no trials with other road users; leave --traffic out"):
         score(checkpoint, "smoke@2", device="cpu", threads=1, traffic=True)
-
-
-def test_an_estimate_writes_no_results(checkpoint, tmp_path):
     done = CliRunner().invoke(
         app, ["score", str(checkpoint), "--suite", "navigation@1", "--traffic", "--json", str(tmp_path / "no.json")]
     )
