@@ -51,12 +51,13 @@ def run(command: str, folder: Path) -> str:
     return done.stdout
 
 
-def begin(text: str, folder: Path) -> str:
-    """Write the files, run the commands that need no service, and return the last output."""
+def begin(text: str, folder: Path, url: str | None = None) -> str:
+    """Write the files, run the commands before the service, with the URL of one if given; return the last output."""
     for name, content in files(text).items():
         (folder / name).write_text(content, "utf-8")
     shown = commands(text)
-    return [run(command, folder) for command in shown[: shown.index(SERVE)]][-1]
+    before = [f"{one} --url {url}" if url and " run " in one else one for one in shown[: shown.index(SERVE)]]
+    return [run(command, folder) for command in before][-1]
 
 
 def follow(text: str, folder: Path) -> tuple[str, dict[str, object]]:
@@ -114,11 +115,11 @@ def test_the_readmes_agent_comes_to_the_leaderboard(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.system
 @pytest.mark.timeout(900)
-def test_the_tutorials_agent_is_trained_exported_and_driven(tmp_path: Path) -> None:
+def test_the_tutorials_agent_is_trained_exported_and_driven(tmp_path: Path, service: LocalService) -> None:
     """A few steps do for that. Only those that the page shows suffice to drive."""
     text = TUTORIAL.split("\n## 2. ")[1]
     assert text.count("model.learn(80_000)") == 1
-    assert "left or" in begin(text.replace("80_000", "2_048"), tmp_path)
+    assert "left or" in begin(text.replace("80_000", "2_048"), tmp_path, service.url)
 
 
 @pytest.mark.soak

@@ -125,4 +125,8 @@ def test_a_run_goes_on_and_its_checkpoint_is_known_as_what_it_is(checkpoint: Pat
         export(checkpoint, tmp_path / "agent.onnx", "int8")
     trained(checkpoint.parent, PICTURES + 128, resume=True)
     assert load(checkpoint).told["steps"] == PICTURES + 128
-    assert [int(row["step"]) for row in read_rows(checkpoint.parent / "progress.csv")] == [PICTURES, PICTURES + 128]
+    steps = [
+        int(row["step"]) for row in read_rows(checkpoint.parent / "progress.csv")
+    ]  # there are more if it took long
+    assert steps == sorted(steps)
+    assert {PICTURES, PICTURES + 128} <= {*steps}
