@@ -5,8 +5,9 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, Self
+
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from wrongturn_agents.training.errors import TrainingError
 
@@ -69,30 +70,21 @@ def _short(value: Any) -> Any:
 
 
 class Display:
-    """Shows the rows of a run."""
+    """Shows the rows of a run: a bar in a terminal, otherwise a line now and then."""
 
     def __init__(self, title: str) -> None:
         self._title = title
         self._told_at = -_EVERY
-        self._bar: Any = None
-        self._task: Any = None
+        columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
+        self._bar = Progress(*columns, disable=not sys.stdout.isatty())
+        self._task = self._bar.add_task(f"{title}: begins", total=1.0)
 
     def __enter__(self) -> Self:
-        if sys.stdout.isatty():
-            # Imported here, because machines without a terminal may not have it.
-            from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
-
-            columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-            self._bar = Progress(*columns)
-            self._task = self._bar.add_task(f"{self._title}: begins", total=1.0)
-            self._bar.start()
+        self._bar.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
 
     def row(self, row: Row) -> None:
         """Show a row of progress; ``done`` is the share of the run that is over, ``unit`` what its steps are."""
@@ -114,7 +106,7 @@ class Display:
         self._tell(text, None, keep=False)
 
     def _tell(self, text: str, done: float | None, *, keep: bool) -> None:
-        if self._bar is not None:
+        if not self._bar.disable:
             self._bar.update(self._task, description=f"{self._title}: {text}", completed=done)
             if keep:
                 self._bar.console.print(text, highlight=False)
