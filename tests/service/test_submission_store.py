@@ -142,7 +142,7 @@ def test_an_agent_with_an_evaluation_stays(sqlite_url: str) -> None:
     async def story(store: Store, submissions: SubmissionStore) -> None:
         await submissions.add(submission("made"), None, most=9)
         await submissions.make_agent("su_made", agent("made"))
-        await store.begin_evaluation(evaluation("ev_1", "ag_made"), None)
+        await store.begin_evaluation(evaluation("ev_1", "ag_made"), lambda _: None)
         await submissions.set_state("su_made", SubmissionState.RUNNING, evaluation_id="ev_1")
         assert await submissions.remove_agent("su_made") is None
         by_agent = submission("again", agent_id="ag_made", agent_made=False)
