@@ -42,7 +42,7 @@ def test_human_mode_over_the_wire_shows_the_services_pictures(service, monkeypat
     env.reset(seed=1)
     env.step(GAS)
     shown = pygame.surfarray.array3d(pygame.display.get_surface()).swapaxes(0, 1)
-    assert np.array_equal(shown, env.unwrapped._practice.view(env.unwrapped._episode))
+    assert np.array_equal(shown, env.unwrapped._practice.client.view(env.unwrapped._episode.id))
     env.close()
     assert pygame.display.get_surface() is None
 
