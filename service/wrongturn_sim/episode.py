@@ -25,7 +25,7 @@ from wrongturn_sim.errors import (
 from wrongturn_sim.reward import reward
 from wrongturn_sim.route import Navigator, start_pose
 from wrongturn_sim.simulator import Simulation, Simulator
-from wrongturn_sim.traffic.plan import EGO_LENGTH, plan_traffic
+from wrongturn_sim.traffic.plan import EGO_LENGTH, TrafficPlan, plan_traffic
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -116,7 +116,8 @@ class Episode:
 
     The track decides what observations show. ``camera`` is its place and optics, in the tracks that have one; the
     benchmark's by default. ``simulator`` is the process's, if the caller keeps one. ``strict`` is for training: a
-    journey ends when the car leaves its road or lane, or stands.
+    journey ends when the car leaves its road or lane, or stands. With ``mirrored``, SUMO also carries a car that drives
+    alone, as in the service; nothing that the episode returns depends on it.
 
     Raises:
         InvalidTrialError: a field of the trial is invalid.
@@ -132,6 +133,7 @@ class Episode:
         simulator: Simulator | None = None,
         camera: "Camera | None" = None,
         strict: bool = False,
+        mirrored: bool = False,
     ) -> None:
         _check_trial(trial)
         self.trial = trial
@@ -142,6 +144,8 @@ class Episode:
         self._fault: CommandFault = make_fault(trial)
         self._traffic = plan_traffic(self.town, trial, start_pose(self.town, trial))
         self._simulator = simulator or Simulator()
+        edge = self.town.lanes[self.town.approach(trial.approach).lane].edge
+        self._in_sumo = self._traffic or (TrafficPlan((), (), (edge,)) if mirrored else None)
         self._privileged = track is Track.PRIVILEGED
         self._renderer = self._renderer_of(camera) if track in {Track.CAMERA, Track.SEGMENTATION} else None
         self._simulation: Simulation | None = None
@@ -160,10 +164,10 @@ class Episode:
         """
         trial = self.trial
         pose = start_pose(self.town, trial)
-        if self._traffic is None:
+        if self._in_sumo is None:
             self._simulation = Simulation()
         else:
-            self._simulation = self._simulator.begin(self.town.net_file, *pose, self._traffic, seed=trial.seed)
+            self._simulation = self._simulator.begin(self.town.net_file, *pose, self._in_sumo, seed=trial.seed)
         self._state: State = (*pose, trial.start.speed, 0.0)
         self._navigator = Navigator(self.town, trial)
         self._fault = make_fault(trial)

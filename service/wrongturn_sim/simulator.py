@@ -1,6 +1,7 @@
 """The bridge to SUMO, and the only file that imports libsumo.
 
-SUMO drives the other road users. A car that drives alone needs none: nothing that an episode reads would move in it.
+SUMO drives the other road users. Nothing that an episode reads moves in it while a car drives alone. The service mirrors
+such a car all the same; environments leave SUMO out.
 
 libsumo holds one simulation per process: a second ``start()`` silently kills the first. :class:`_Process` knows which
 episode holds it. The episode that begins last takes it; the one before gets SimulatorInUseError at its next step.

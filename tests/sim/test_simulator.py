@@ -68,8 +68,9 @@ def test_who_drives_alone_needs_no_sumo_and_disturbs_nobody(busy, make_trial, mo
     assert all(episode.steps == 1 for episode in alone)
 
 
-def test_sumo_has_the_car_where_the_episode_has_it(busy):
-    episode = Episode(busy(seed=3), Track.STATE)
+@pytest.mark.parametrize("alone", [False, True])
+def test_sumo_has_the_car_where_the_episode_has_it(busy, make_trial, alone):
+    episode = Episode(make_trial(seed=3) if alone else busy(seed=3), Track.STATE, mirrored=alone)
     episode.reset()
     sumo = bridge.load_libsumo()
     for k in range(25):

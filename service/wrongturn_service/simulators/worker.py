@@ -89,7 +89,7 @@ class Server:
 
     def _reset(self, trial: str, track: str, actions: bytes, encoding: str) -> list[Any]:
         self._track = Track(track)
-        self._episode = episode = Episode(Trial.model_validate_json(trial), self._track)
+        self._episode = episode = Episode(Trial.model_validate_json(trial), self._track, mirrored=True)
         begun = episode.reset(), 0.0, False, False
         return self._reply(episode.repeat(list(ACTION.iter_unpack(actions))) or begun, encoding)
 
