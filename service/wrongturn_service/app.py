@@ -13,6 +13,7 @@ from wrongturn_service.api import (
     evaluations,
     health,
     leaderboards,
+    metrics,
     places,
     submissions,
 )
@@ -48,7 +49,7 @@ def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner:
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         try:
-            async with run_service(settings, telemetry, pool, runner) as service:
+            async with run_service(settings, telemetry, pool, runner) as service, metrics.own_port(settings, telemetry):
                 app.state.service = service
                 yield
         except StartupError as error:
@@ -73,7 +74,7 @@ def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner:
     errors.install(app)
     # Not by include_router, which would analyse every route a second time, in 0.1 s of each start.
     for router in (
-        *(episodes.router, health.router, places.suites_router, places.towns_router),
+        *(episodes.router, health.router, metrics.router, places.suites_router, places.towns_router),
         *(accounts.agents_router, accounts.owners_router, evaluations.router, submissions.router, session.router),
         *(leaderboards.router, admin.router, errors.router, front.router, agent_pages.router, compare.router),
         *(episode_pages.router, rest.router, place_pages.router, static_files.router),

@@ -76,6 +76,8 @@ class Settings(BaseSettings):
     machine may read the metrics."""
     metrics_token_file: Path | None = None
     """File with that token, in its place, of at least 16 characters. It is read at each use."""
+    metrics_port: Annotated[int, Field(ge=1, le=65535)] | None = None
+    """A port for `/metrics` alone, at the same address. The main port then answers 404 there."""
     simulators: Annotated[int, Field(ge=1, le=4096)] = Field(default_factory=lambda: Machine().simulators())
     """Largest number of simulators that drive. Each is a process that starts when it is first needed, and then stays.
     The default leaves 1 GiB for the service and 200 MiB for each simulator; in a container, the limits of its cgroup

@@ -1,7 +1,7 @@
 """The bridge to SUMO, and the only file that imports libsumo.
 
-SUMO drives the other road users. Nothing that an episode reads moves in it while a car drives alone. The service mirrors
-such a car all the same; environments leave SUMO out.
+SUMO drives the other road users. Nothing that an episode reads moves in it while a car drives alone. The service
+mirrors such a car all the same; environments leave SUMO out.
 
 libsumo holds one simulation per process: a second ``start()`` silently kills the first. :class:`_Process` knows which
 episode holds it. The episode that begins last takes it; the one before gets SimulatorInUseError at its next step.

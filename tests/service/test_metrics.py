@@ -3,6 +3,7 @@
 import asyncio
 import json
 import re
+import socket
 from importlib.metadata import version
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from service_harness import expect, problem
 from sqlalchemy.exc import OperationalError
 
 from wrongturn_protocol import Verdict
+from wrongturn_service.errors import StartupError
 from wrongturn_service.storage.postgres import DatabaseTakenError
 
 DOCUMENT = Path(__file__).parents[2] / "docs/monitoring.md"
@@ -158,6 +160,25 @@ async def test_without_a_token_metrics_are_for_the_own_machine(tmp_path: Path) -
             transport = httpx.ASGITransport(http.app, client=(address, 4000))
             async with httpx.AsyncClient(transport=transport, base_url="http://test") as stranger:
                 assert (await stranger.get("/metrics")).status_code == (200 if address in own else 401), address
+
+
+async def test_metrics_on_a_port_of_their_own(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    settings = {"metrics_port": port, "metrics_token": "read"}
+    async with application(tmp_path, FakePool(), **settings) as http, httpx.AsyncClient() as reader:
+        problem(await http.get("/metrics"), 404, "unknown-route")
+        problem(await reader.get(f"http://127.0.0.1:{port}/metrics"), 401, "unauthenticated")
+        headers = {"Authorization": "Bearer read"}
+        told = await reader.get(f"http://127.0.0.1:{port}/metrics", headers=headers)
+        assert "wrongturn_open_episodes 0.0" in told.text
+        assert (await reader.get(f"http://127.0.0.1:{port}/v1/suites", headers=headers)).status_code == 404
+        (tmp_path / "other").mkdir()
+        with pytest.raises(StartupError, match=r"WRONGTURN_METRICS_PORT.* in use"):
+            async with application(tmp_path / "other", FakePool(), **settings):
+                pass
+    with pytest.raises(ConnectionRefusedError):
+        await asyncio.open_connection("127.0.0.1", port)
 
 
 async def test_what_the_infrastructure_cut_off(tmp_path: Path) -> None:
