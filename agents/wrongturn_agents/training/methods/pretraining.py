@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.optim.lr_scheduler import OneCycleLR
 
 from wrongturn_agents.training.cars import Observations, cruises, training_cars
 from wrongturn_agents.training.checkpoint import load_weights, read, write
@@ -96,7 +97,12 @@ class WanderingCars:
 
 
 def pretrain(
-    run: Run, module: nn.Module, pictures: Callable[[], dict[str, Tensor]], loss_of: Callable[[Any], Tensor]
+    run: Run,
+    module: nn.Module,
+    pictures: Callable[[], dict[str, Tensor]],
+    loss_of: Callable[[Any], Tensor],
+    *,
+    one_cycle: bool = False,
 ) -> None:
     """Teach a module to see while pictures are rendered, and write ``pretraining.json``.
 
@@ -105,6 +111,8 @@ def pretrain(
         module: what learns. It is in evaluation mode afterwards.
         pictures: renders the next pictures of all cars, (n, ...) each.
         loss_of: returns the loss of a minibatch.
+        one_cycle: the learning rate goes through torch's OneCycleLR, by minibatches; else it rises and falls by the
+            share that is over.
     """
     config, budget, device = run.settings, run.budget, run.device
     frames, batch, begin = config.pretraining_frames, config.pretraining_batch, budget.used
@@ -112,6 +120,7 @@ def pretrain(
     total = max(1, round(frames * config.pretraining_passes / batch))
     weights = [parameter for parameter in module.parameters() if parameter.requires_grad]
     optimizer = torch.optim.AdamW(weights, lr=config.pretraining_rate, fused=device.type == "cuda")
+    cycle = OneCycleLR(optimizer, config.pretraining_rate, total_steps=total + 1) if one_cycle else None
     precision = torch.autocast(device.type, torch.bfloat16, enabled=config.bf16 and device.type == "cuda")
     pool = Pool(min(_POOL, frames))
     done = rendered = 0
@@ -128,13 +137,15 @@ def pretrain(
         if len(pool) < min(pool.size, _BEFORE * batch):
             continue
         while done < due and (over := share()) < 1.0:
-            for group in optimizer.param_groups:
+            for group in optimizer.param_groups if cycle is None else ():
                 group["lr"] = config.pretraining_rate * _risen(over)
             with precision:
                 loss = loss_of(pool.draw(batch))
             optimizer.zero_grad(set_to_none=True)
             torch.autograd.backward(loss)
             optimizer.step()
+            if cycle is not None:
+                cycle.step()
             done += 1
             if done % 50 == 0:
                 run.on_note(f"pretraining, {rendered:,} frames, loss {loss.item():.3f}")

@@ -108,7 +108,8 @@ def _learn_to_segment(run: Run, agent: ActorCritic) -> None:
     encoder: Any = agent.encoder
     cars = WanderingCars(run.settings, run.device, seed=run.stream(0), threads=run.threads, time_limit=1.0)
     encoder.freeze(False)
-    pretrain(run, agent, cars.step, lambda drawn: agent.segmentation_loss(drawn, augment=run.settings.augment))
+    augment = run.settings.augment
+    pretrain(run, agent, cars.step, lambda drawn: agent.segmentation_loss(drawn, augment=augment), one_cycle=True)
     encoder.freeze()
     cars.envs.close()
 
