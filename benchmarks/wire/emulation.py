@@ -45,7 +45,7 @@ def observation() -> dict[str, Any]:
 class Emulated:
     """In place of an episode."""
 
-    def __init__(self, *_: object) -> None:
+    def __init__(self, *_: object, **__: object) -> None:
         self.shown = observation()
         self.duration = seconds()
 

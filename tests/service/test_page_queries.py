@@ -29,8 +29,8 @@ async def test_every_query_has_an_index(postgres: PostgresServer, tmp_path: Path
     from page_plans import Query, plan, recorded, scanned
     from pages import an_episode, paths
 
-    url = postgres.new_database()
-    filled = asyncio.run(fill(url, "smoke@2", 6))
+    url = await asyncio.to_thread(postgres.new_database)
+    filled = await fill(url, "smoke@2", 6)
     assert filled.episodes == 6 * 12
     async with application(tmp_path, FakePool(), database=url) as http:
         del http.headers["Authorization"]
