@@ -26,6 +26,7 @@ _PARTS: Final = {
     "wrongturn-service": ("picture",),
     "wrongturn-service[server]": ("backup", "restore", "serve"),
     "wrongturn-agents": ("export", "register", "results", "run", "score", "train"),
+    "wrongturn-openenv": ("openenv",),
 }
 """Commands that our other parts add, to tell which part is missing."""
 _NUMBERS: Final = {

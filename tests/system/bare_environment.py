@@ -11,7 +11,13 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[2]
-SOURCES = {"client": "clients", "networks": "networks", "service": "service", "agents": "agents"}
+SOURCES = {
+    "client": "clients",
+    "networks": "networks",
+    "service": "service",
+    "agents": "agents",
+    "openenv": "plugins/openenv",
+}
 
 
 def distribution_name(name: str) -> str:

@@ -117,5 +117,7 @@ def test_an_unknown_town_is_told_with_the_one_that_is_meant() -> None:
 
 @pytest.mark.parametrize("id_", SINGLE)
 def test_an_unknown_autoreset_mode_is_told(id_: str) -> None:
-    with pytest.raises(OptionError, match=r"^autoreset_mode: 'same' is unknown; give one of NextStep, SameStep, Disabled\. "):
+    with pytest.raises(
+        OptionError, match=r"^autoreset_mode: 'same' is unknown; give one of NextStep, SameStep, Disabled\. "
+    ):
         gymnasium.make_vec(id_, num_envs=2, autoreset_mode="same", **SINGLE[id_])

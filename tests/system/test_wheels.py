@@ -62,7 +62,7 @@ def build(folder: Path, *parts: str) -> Wheels:
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> Wheels:
     """All but the agents', whose weights take long to compress. Their metadata are those that are installed."""
-    return build(tmp_path_factory.mktemp("wheels") / "dist", "clients", "networks", "service", ".")
+    return build(tmp_path_factory.mktemp("wheels") / "dist", "clients", "networks", "service", "plugins/openenv", ".")
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +160,7 @@ def test_a_part_asks_for_nothing_heavy_that_it_does_not_need(wheels: Wheels, wan
     ("wanted", "packages", "left_out"),
     [
         ("wrongturn-client", "wrongturn_protocol,wrongturn_client", ()),
-        ("wrongturn-client[openenv]", "wrongturn_openenv", ()),
+        ("wrongturn-openenv", "wrongturn_openenv", ()),
         ("wrongturn-networks", "wrongturn_networks", ()),
         ("wrongturn-service", "wrongturn_judge,wrongturn_sim", ()),
         ("wrongturn-service[server]", "wrongturn_service,wrongturn_runner,wrongturn_sandbox", ()),

@@ -1,7 +1,6 @@
 """``wrongturn openenv``. Slow imports wait until the command runs."""
 
 import contextlib
-import importlib.util
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -43,9 +42,6 @@ def openenv(
 
     WRONGTURN_TOKEN: the token of an agent at --url. Without one, agents for practice are registered.
     """
-    missing = [name for name in ("fastapi", "uvicorn") if importlib.util.find_spec(name) is None]
-    if missing:
-        raise WrongturnError(f"openenv needs {' and '.join(missing)}: pip install 'wrongturn-client[openenv]'")
     from wrongturn_client import settings  # noqa: PLC0415
     from wrongturn_openenv.server import bind, run  # noqa: PLC0415
     from wrongturn_openenv.session import Service  # noqa: PLC0415

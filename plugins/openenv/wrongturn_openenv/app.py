@@ -149,7 +149,7 @@ def create_app(service: Service, sessions: int) -> FastAPI:
     @app.get("/metadata")
     async def metadata() -> dict[str, str]:
         """Describe the environment."""
-        return {"name": "Wrongturn", "description": _DESCRIPTION, "version": version("wrongturn-client")}
+        return {"name": "Wrongturn", "description": _DESCRIPTION, "version": version("wrongturn-openenv")}
 
     @app.get("/schema")
     async def schema() -> dict[str, Any]:
