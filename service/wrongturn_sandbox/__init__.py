@@ -7,13 +7,7 @@
         outputs = sandbox.run({"speed": np.zeros((1, 1), np.float32)})
 """
 
-from wrongturn_sandbox.errors import (
-    ModelRefusedError,
-    SandboxBusyError,
-    SandboxError,
-    SandboxLostError,
-    SandboxUnavailableError,
-)
+from wrongturn_sandbox.errors import ModelRefusedError, SandboxBusyError, SandboxLostError, SandboxUnavailableError
 from wrongturn_sandbox.host import Sandbox, open_sandbox, probe
 from wrongturn_sandbox.messages import Description, Limits, TensorInfo
 
@@ -23,7 +17,6 @@ __all__ = [
     "ModelRefusedError",
     "Sandbox",
     "SandboxBusyError",
-    "SandboxError",
     "SandboxLostError",
     "SandboxUnavailableError",
     "TensorInfo",

@@ -33,18 +33,14 @@ def main() -> None:
     elif arguments.most < 1:
         parser.error("--most: use at least 1")
     else:
-        listen(arguments.listen, arguments.most)
+        from wrongturn_sandbox.listener import Listener  # noqa: PLC0415 - a guest has no use for it
 
-
-def listen(path: Path, most: int) -> None:
-    """Serve hosts at a Unix socket until this process is told to stop."""
-    from wrongturn_sandbox.listener import Listener  # noqa: PLC0415 - a guest has no use for it
-
-    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
-    try:
-        Listener(path, most).run()
-    except OSError as error:
-        sys.exit(f"error: cannot listen at {path}: {error.strerror}; choose a folder that this user may write")
+        logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
+        path = arguments.listen
+        try:
+            Listener(path, arguments.most).run()
+        except OSError as error:
+            sys.exit(f"error: cannot listen at {path}: {error.strerror}; choose a folder that this user may write")
 
 
 if __name__ == "__main__":

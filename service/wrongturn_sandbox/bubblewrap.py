@@ -107,8 +107,8 @@ class Bubblewrap:
         self.pid: int | None = self._process.pid
 
     def why_not(self) -> str:
-        """Return why the guest did not start, for an operator."""
-        self.kill()
+        """End the guest, and return why it did not start, for an operator."""
+        self._kill()
         assert self._process.stderr is not None
         words = self._process.stderr.read(4096).decode(errors="replace").strip().splitlines()
         said = words[-1] if words else f"it ended with status {self._process.returncode}"
@@ -125,14 +125,13 @@ class Bubblewrap:
             return None
         return 128 - status if status > 128 else status
 
-    def kill(self) -> None:
-        """End the guest now."""
+    def _kill(self) -> None:
         self.connection.close()
         self._process.kill()
         self._process.wait()
 
     def close(self) -> None:
-        """End the guest, and let go of what belonged to it."""
-        self.kill()
+        """End the guest now, and let go of what belonged to it."""
+        self._kill()
         assert self._process.stderr is not None
         self._process.stderr.close()

@@ -60,16 +60,6 @@ def check(content: bytes | bytearray) -> ModelProto:
     return model
 
 
-def count_parameters(graph: GraphProto) -> int:
-    """Return how many numbers the graph's initialisers hold."""
-    return sum(math.prod(tensor.dims) for tensor in graph.initializer)
-
-
-def default_opset(model: ModelProto) -> int:
-    """Return the version of ONNX's default operators that the model uses."""
-    return int(next(entry.version for entry in model.opset_import if entry.domain in DOMAINS))
-
-
 def _parse(content: bytes | bytearray) -> ModelProto:
     _require(len(content), "the file is empty; hand in an .onnx file")
     for magic, words in _OTHER_FILES:

@@ -1,33 +1,15 @@
-"""Errors of the sandbox.
-
-::
-
-    SandboxError
-    ├── ModelRefusedError        the model is at fault
-    ├── SandboxLostError         the sandbox was ended from outside: try again
-    └── SandboxUnavailableError  no sandbox can be opened here
-        └── SandboxBusyError     not now: try again later
-"""
+"""Errors of the sandbox. A :class:`SandboxBusyError` is a :class:`SandboxUnavailableError` that does not last."""
 
 
-class SandboxError(Exception):
-    """Base of the errors below."""
+class ModelRefusedError(Exception):
+    """The model breaks a rule, reached a limit or crashed; the message tells its owner what is wrong and what to do."""
 
 
-class ModelRefusedError(SandboxError):
-    """The model breaks a rule, reached a limit or crashed; the message is for its owner."""
-
-    @property
-    def reason(self) -> str:
-        """What is wrong and what to do."""
-        return str(self)
-
-
-class SandboxLostError(SandboxError):
+class SandboxLostError(Exception):
     """The sandbox ended without a word, as one does that is killed from outside. The model is not at fault."""
 
 
-class SandboxUnavailableError(SandboxError):
+class SandboxUnavailableError(Exception):
     """No sandbox can be opened; the message says why, and what the operator can do."""
 
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import msgpack
 
-VERSION: Final = 1
+VERSION: Final = 2
 """Number of this protocol. Host and guest must have the same."""
 MODEL_MOST: Final = 1 << 30
 """Largest model, bytes."""
@@ -84,13 +84,9 @@ def packed(message: object) -> bytes:
 def unpacked(content: bytes | bytearray) -> Any:
     """Return a message of msgpack. Raises FrameError if it is none."""
     try:
-        return msgpack.unpackb(content, strict_map_key=True, ext_hook=_no_extension)
+        return msgpack.unpackb(content, strict_map_key=True)
     except Exception as error:  # msgpack raises many classes, ValueError and its own among them
         raise FrameError(f"no msgpack: {type(error).__name__}") from None
-
-
-def _no_extension(code: int, _data: bytes) -> None:
-    raise ValueError(f"extension {code}")
 
 
 def _wait_until(connection: socket.socket, deadline: float) -> None:

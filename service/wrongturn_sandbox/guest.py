@@ -2,13 +2,13 @@
 
 import os
 import socket
-from collections.abc import Callable
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from wrongturn_sandbox.confinement import confine, end_with_parent, limit_memory, limit_processor_time
 from wrongturn_sandbox.errors import ModelRefusedError
 from wrongturn_sandbox.frames import CALL_MOST, MODEL_MOST, VERSION, packed, receive, send, unpacked
-from wrongturn_sandbox.messages import Limits, pack_arrays, pack_description, read_arrays
+from wrongturn_sandbox.messages import Limits, pack_arrays, read_arrays
 from wrongturn_sandbox.reasons import out_of_memory, printable
 
 if TYPE_CHECKING:
@@ -43,46 +43,27 @@ def begin(connection: socket.socket, said: dict[str, Any]) -> None:
         send(connection, packed({"unavailable": printable(f"{type(error).__name__}: {error}")}))
         return
     send(connection, packed({"ready": VERSION, "runtime": session.RUNTIME}))
-    _Guest(connection, limits, session.Session).answer_calls()
+    _answer_calls(connection, limits, session.Session)
 
 
-class _Guest:
-    """Answers the host's calls. It trusts the host."""
-
-    def __init__(self, connection: socket.socket, limits: Limits, open_session: type["Session"]) -> None:
-        self._connection = connection
-        self._limits = limits
-        self._open_session = open_session
-        self._session: Session
-
-    def answer_calls(self) -> None:
-        """Answer calls until the host closes the connection."""
-        while (content := receive(self._connection, CALL_MOST)) is not None:
-            call = unpacked(content)
-            if "load" in call:
-                model = receive(self._connection, MODEL_MOST)
-                if model is None:
-                    return
-                reply = self._blamed(self._limits.load_s, self._load, model)
-            else:
-                reply = self._blamed(self._limits.step_s, self._run, call["run"])
-            send(self._connection, packed(reply))
-
-    def _load(self, content: bytearray) -> dict[str, Any]:
-        self._session = self._open_session(content, self._limits)
-        return {"description": pack_description(self._session.description)}
-
-    def _run(self, inputs: Any) -> dict[str, Any]:
-        return {"outputs": pack_arrays(self._session.run(read_arrays(inputs)))}
-
-    def _blamed(self, seconds: float, call: Callable[[Any], dict[str, Any]], argument: Any) -> dict[str, Any]:
-        limit_processor_time(seconds)
+def _answer_calls(connection: socket.socket, limits: Limits, open_session: type["Session"]) -> None:
+    """Answer the host's calls until it closes the connection. The host is trusted."""
+    while (content := receive(connection, CALL_MOST)) is not None:
+        call = unpacked(content)
+        model = receive(connection, MODEL_MOST) if "load" in call else None
+        limit_processor_time(limits.step_s if model is None else limits.load_s)
+        reply: dict[str, Any]
         try:
-            return call(argument)
+            if model is not None:
+                session = open_session(model, limits)
+                reply = {"description": asdict(session.description)}
+            else:
+                reply = {"outputs": pack_arrays(session.run(read_arrays(call["run"])))}
         except ModelRefusedError as error:
-            return {"refused": printable(error.reason)}
+            reply = {"refused": printable(str(error))}
         except MemoryError:
-            return {"refused": out_of_memory(self._limits)}
+            reply = {"refused": out_of_memory(limits)}
+        send(connection, packed(reply))
 
 
 def _close_all_but(kept: int) -> None:

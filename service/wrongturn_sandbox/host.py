@@ -5,7 +5,7 @@ import socket
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final, NoReturn, Self, TypeVar
+from typing import Any, Final, NoReturn, TypeVar
 
 from numpy.typing import NDArray
 
@@ -39,7 +39,7 @@ class Remote:
             ) from None
 
     def why_not(self) -> str:
-        """Return why the guest did not start, for an operator."""
+        """End the guest, and return why it did not start, for an operator."""
         self.close()
         return f"the runner container at {self._path} closed the connection at once; look at its log"
 
@@ -52,7 +52,7 @@ class Remote:
         self.connection.close()
 
 
-class Sandbox:
+class Sandbox(contextlib.AbstractContextManager["Sandbox", None]):
     """One model in a sandbox. Open it by :func:`open_sandbox`, use it as a context manager.
 
     After any error the sandbox is closed. It belongs to the thread that opened it: a guest under bubblewrap ends when
@@ -80,7 +80,7 @@ class Sandbox:
         if len(model) > MODEL_MOST:
             raise self._refused(f"the file has {len(model)} bytes; at most {MODEL_MOST} are allowed")
         parts = (frames.packed({"load": len(model)}), model)
-        late = reasons.too_slow_to_load(self._limits)
+        late = f"the model took longer than {self._limits.load_s:g} s to load; make it smaller or simpler"
         return self._call(parts, "description", read_description, self._limits.load_s, late)
 
     def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -92,14 +92,12 @@ class Sandbox:
             ValueError: An input's type does not go into a sandbox.
         """
         call = frames.packed({"run": pack_arrays(inputs)})
-        return self._call((call,), "outputs", read_arrays, self._limits.step_s, reasons.too_slow_a_step(self._limits))
+        late = f"a step of the model took longer than {self._limits.step_s:g} s; make it smaller or simpler"
+        return self._call((call,), "outputs", read_arrays, self._limits.step_s, late)
 
     def close(self) -> None:
         """End the sandbox. Safe to call more than once."""
         self._guest.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -169,9 +167,7 @@ class Sandbox:
 def open_sandbox(path: Path | None, limits: Limits) -> Sandbox:
     """Open a sandbox that is ready to take a model.
 
-    Args:
-        path: Unix socket of a runner container, or None for bubblewrap on this machine.
-        limits: What the model may use.
+    ``path`` is the Unix socket of a runner container, or None for bubblewrap on this machine.
 
     Raises:
         SandboxBusyError: All sandboxes of the runner container are taken.

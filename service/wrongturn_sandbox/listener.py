@@ -28,18 +28,13 @@ _LOG: Final = logging.getLogger(__name__)
 
 
 class Listener:
-    """Accepts hosts on a Unix socket and starts a guest for each.
-
-    Args:
-        path: Where to make the socket. Its owner and group may connect.
-        most: Guests at a time. One host more is told so and turned away.
-        command: Command line of a guest; the file descriptor of its socket follows.
-
-    Raises:
-        OSError: The socket cannot be made, or another listener uses it.
-    """
+    """Accepts hosts on a Unix socket and starts a guest for each."""
 
     def __init__(self, path: Path, most: int, command: Sequence[str] = GUEST) -> None:
+        """Listen at a socket to which its owner and group may connect, for ``most`` guests at a time.
+
+        Raises OSError if the socket cannot be made, or another listener uses it.
+        """
         self._path = path
         self._most = most
         self._command = command
@@ -132,11 +127,7 @@ def _listen(path: Path) -> socket.socket:
 
 
 def _check_free(path: Path) -> None:
-    """Check that nothing is at a path but a socket on which nobody listens any more.
-
-    Raises:
-        FileExistsError: Something else is there.
-    """
+    """Check that nothing is at a path but a socket on which nobody listens any more. Raises FileExistsError."""
     if not path.exists():
         return
     if not path.is_socket():

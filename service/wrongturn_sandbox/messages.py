@@ -14,7 +14,7 @@ To any of them a guest may answer ``{"refused": reason}``. Instead of ``ready`` 
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Final, TypeVar
 
 import numpy as np
@@ -84,23 +84,9 @@ def read_arrays(value: object) -> dict[str, NDArray[Any]]:
     return {_sized(name, str, NAME_MOST): _array(array) for name, array in _sized(value, dict, TENSORS_MOST).items()}
 
 
-def pack_description(description: Description) -> dict[str, Any]:
-    """Return a description as plain values."""
-    return {
-        "inputs": [[tensor.name, tensor.dtype, list(tensor.shape)] for tensor in description.inputs],
-        "outputs": [[tensor.name, tensor.dtype, list(tensor.shape)] for tensor in description.outputs],
-        "opset": description.opset,
-        "metadata": dict(description.metadata),
-        "nodes": description.nodes,
-        "parameters": description.parameters,
-    }
-
-
 def read_description(value: object) -> Description:
-    """Return the description that :func:`pack_description` made plain. Distrusts all of it, and raises FrameError."""
-    said = _sized(value, dict, 6)
-    if set(said) != {"inputs", "outputs", "opset", "metadata", "nodes", "parameters"}:
-        raise FrameError("a description with other fields")
+    """Return the description of its plain values. Distrusts all of it, and raises FrameError."""
+    said = _fields(value, Description)
     return Description(
         inputs=tuple(map(_tensor, _sized(said["inputs"], list, TENSORS_MOST))),
         outputs=tuple(map(_tensor, _sized(said["outputs"], list, TENSORS_MOST))),
@@ -141,14 +127,22 @@ def _is_dtype(value: object) -> bool:
 
 
 def _tensor(value: object) -> TensorInfo:
-    parts = _sized(value, list, 3)
-    if len(parts) != 3 or not _is_dtype(parts[1]):
+    said = _fields(value, TensorInfo)
+    if not _is_dtype(said["dtype"]):
         raise FrameError("no description of a tensor")
     shape = tuple(
         _sized(length, str, NAME_MOST) if isinstance(length, str) else None if length is None else _count(length)
-        for length in _sized(parts[2], list, 64)
+        for length in _sized(said["shape"], list, 64)
     )
-    return TensorInfo(_sized(parts[0], str, NAME_MOST), parts[1], shape)
+    return TensorInfo(_sized(said["name"], str, NAME_MOST), said["dtype"], shape)
+
+
+def _fields(value: object, of: type[TensorInfo | Description]) -> dict[str, Any]:
+    wanted = {field.name for field in fields(of)}
+    said = _sized(value, dict, len(wanted))
+    if set(said) != wanted:
+        raise FrameError(f"no {of.__name__}")
+    return said
 
 
 def _sized(value: object, kind: type[_S], most: int) -> _S:

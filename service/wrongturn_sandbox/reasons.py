@@ -40,16 +40,6 @@ def out_of_memory(limits: Limits) -> str:
     return f"the model needs more than the {limits.memory >> 20} MiB of memory that a model gets; make it smaller"
 
 
-def too_slow_to_load(limits: Limits) -> str:
-    """Return the reason of a model that loads too slowly."""
-    return f"the model took longer than {limits.load_s:g} s to load; make it smaller or simpler"
-
-
-def too_slow_a_step(limits: Limits) -> str:
-    """Return the reason of a model that steps too slowly."""
-    return f"a step of the model took longer than {limits.step_s:g} s; make it smaller or simpler"
-
-
 def ending(status: int | None, limits: Limits) -> str | None:
     """Return why a guest is to blame for its end, or None when it was ended from outside.
 

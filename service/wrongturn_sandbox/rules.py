@@ -49,46 +49,41 @@ METADATA_LENGTH_MOST: Final = 1 << 18
 OUTPUT_BYTES_MOST: Final = 4 << 20
 """Most bytes of all outputs of a step."""
 
-_ARITHMETIC: Final = """
-Abs Add Ceil Clip CumProd CumSum Div Einsum Exp Floor Gemm Log MatMul Max Mean Min Mod Mul Neg Pow Reciprocal Round Sign
-Sqrt Sub Sum
-"""
-_TRIGONOMETRY: Final = "Acos Acosh Asin Asinh Atan Atanh Cos Cosh Erf Sin Sinh Tan Tanh"
-_COMPARISON: Final = """
-And BitShift BitwiseAnd BitwiseNot BitwiseOr BitwiseXor Equal Greater GreaterOrEqual IsInf IsNaN Less LessOrEqual Not Or
-Where Xor
-"""
-_ACTIVATION: Final = """
-Celu Elu Gelu HardSigmoid HardSwish Hardmax LeakyRelu LogSoftmax Mish PRelu Relu Selu Shrink Sigmoid Softmax Softplus
-Softsign SwiGLU Swish ThresholdedRelu
-"""
-_LAYER: Final = """
-Attention AveragePool BatchNormalization Conv ConvTranspose DeformConv Dropout GRU GlobalAveragePool GlobalLpPool
-GlobalMaxPool GroupNormalization InstanceNormalization LRN LSTM LayerNormalization LpNormalization LpPool MaxPool
-MeanVarianceNormalization RMSNormalization RNN RotaryEmbedding
-"""
-_REDUCTION: Final = """
-ArgMax ArgMin ReduceL1 ReduceL2 ReduceLogSum ReduceLogSumExp ReduceMax ReduceMean ReduceMin ReduceProd ReduceSum
-ReduceSumSquare TopK
-"""
-_SHAPE: Final = """
-AffineGrid Cast CastLike CenterCropPad Compress Concat Constant ConstantOfShape DepthToSpace Expand EyeLike Flatten
-Gather GatherElements GatherND GridSample Identity NonZero OneHot Pad Range Reshape Resize ReverseSequence
-ScatterElements ScatterND Shape Size Slice SpaceToDepth Split Squeeze Tile Transpose Trilu Unsqueeze Upsample
-"""
-_QUANTISATION: Final = """
-ConvInteger DequantizeLinear DynamicQuantizeLinear MatMulInteger QLinearConv QLinearMatMul QuantizeLinear
-"""
-
 GROUPS: Final = {
-    "arithmetic": frozenset(_ARITHMETIC.split()),
-    "trigonometry": frozenset(_TRIGONOMETRY.split()),
-    "comparison and logic": frozenset(_COMPARISON.split()),
-    "activations": frozenset(_ACTIVATION.split()),
-    "layers": frozenset(_LAYER.split()),
-    "reductions": frozenset(_REDUCTION.split()),
-    "shapes and indices": frozenset(_SHAPE.split()),
-    "quantisation": frozenset(_QUANTISATION.split()),
+    kind: frozenset(operators.split())
+    for kind, operators in {
+        "arithmetic": """
+            Abs Add Ceil Clip CumProd CumSum Div Einsum Exp Floor Gemm Log MatMul Max Mean Min Mod Mul Neg Pow
+            Reciprocal Round Sign Sqrt Sub Sum
+        """,
+        "trigonometry": "Acos Acosh Asin Asinh Atan Atanh Cos Cosh Erf Sin Sinh Tan Tanh",
+        "comparison and logic": """
+            And BitShift BitwiseAnd BitwiseNot BitwiseOr BitwiseXor Equal Greater GreaterOrEqual IsInf IsNaN Less
+            LessOrEqual Not Or Where Xor
+        """,
+        "activations": """
+            Celu Elu Gelu HardSigmoid HardSwish Hardmax LeakyRelu LogSoftmax Mish PRelu Relu Selu Shrink Sigmoid Softmax
+            Softplus Softsign SwiGLU Swish ThresholdedRelu
+        """,
+        "layers": """
+            Attention AveragePool BatchNormalization Conv ConvTranspose DeformConv Dropout GRU GlobalAveragePool
+            GlobalLpPool GlobalMaxPool GroupNormalization InstanceNormalization LRN LSTM LayerNormalization
+            LpNormalization LpPool MaxPool MeanVarianceNormalization RMSNormalization RNN RotaryEmbedding
+        """,
+        "reductions": """
+            ArgMax ArgMin ReduceL1 ReduceL2 ReduceLogSum ReduceLogSumExp ReduceMax ReduceMean ReduceMin ReduceProd
+            ReduceSum ReduceSumSquare TopK
+        """,
+        "shapes and indices": """
+            AffineGrid Cast CastLike CenterCropPad Compress Concat Constant ConstantOfShape DepthToSpace Expand EyeLike
+            Flatten Gather GatherElements GatherND GridSample Identity NonZero OneHot Pad Range Reshape Resize
+            ReverseSequence ScatterElements ScatterND Shape Size Slice SpaceToDepth Split Squeeze Tile Transpose Trilu
+            Unsqueeze Upsample
+        """,
+        "quantisation": """
+            ConvInteger DequantizeLinear DynamicQuantizeLinear MatMulInteger QLinearConv QLinearMatMul QuantizeLinear
+        """,
+    }.items()
 }
 """The allowed operators by kind. All are of ONNX's default domain."""
 OPERATORS: Final = frozenset[str]().union(*GROUPS.values())

@@ -1,5 +1,6 @@
 """Runs a checked model by onnxruntime, on one thread."""
 
+import math
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
 from wrongturn_sandbox import rules
-from wrongturn_sandbox.checking import check, count_parameters, default_opset
+from wrongturn_sandbox.checking import check
 from wrongturn_sandbox.errors import ModelRefusedError
 from wrongturn_sandbox.messages import DTYPES, Description, Limits, TensorInfo
 from wrongturn_sandbox.reasons import out_of_memory, runtime_error
@@ -35,8 +36,9 @@ class Session:
         self._limits = limits
         model = check(file)
         file.clear()  # the memory is the model's
-        nodes, parameters = len(model.graph.node), count_parameters(model.graph)
-        opset = default_opset(model)
+        nodes = len(model.graph.node)
+        parameters = sum(math.prod(tensor.dims) for tensor in model.graph.initializer)
+        opset = next(entry.version for entry in model.opset_import if entry.domain in rules.DOMAINS)
         metadata = {entry.key: entry.value for entry in model.metadata_props}
         content = model.SerializeToString()
         model.Clear()  # onnxruntime needs the memory now

@@ -27,7 +27,7 @@ SPEED = {"speed": np.zeros((1, 1), np.float32)}
 LIMITS = Limits(memory=1 << 30, load_s=20, step_s=2)
 FIELDS: dict[str, Any] = {"inputs": [], "outputs": [], "opset": 18, "metadata": {}, "nodes": 1, "parameters": 1}
 HONEST = {"description": FIELDS}
-READY = {"ready": 1, "runtime": "hostile"}
+READY = {"ready": 2, "runtime": "hostile"}
 Play = Callable[[socket.socket], object]
 
 
@@ -92,7 +92,7 @@ def says(message: object) -> Play:
 def test_nonsense_instead_of_a_description(tmp_path: Path, play: Play) -> None:
     with opened(tmp_path, play) as sandbox, pytest.raises(ModelRefusedError) as refused:
         sandbox.load(model())
-    assert len(refused.value.reason) < 500
+    assert len(str(refused.value)) < 500
 
 
 @pytest.mark.parametrize(
@@ -128,8 +128,8 @@ def test_a_reason_cannot_write_on_a_terminal(tmp_path: Path) -> None:
     play = says({"refused": "\x1b[2Jevil\n\u202e" + "x" * 100_000})
     with opened(tmp_path, play) as sandbox, pytest.raises(ModelRefusedError, match="evil") as refused:
         sandbox.load(model())
-    assert refused.value.reason.isprintable()
-    assert len(refused.value.reason) <= 400
+    assert str(refused.value).isprintable()
+    assert len(str(refused.value)) <= 400
 
 
 def test_drops_that_never_end_meet_the_deadline(tmp_path: Path) -> None:

@@ -127,7 +127,7 @@ def test_another_version_is_named(listener: Path) -> None:
         send(connection, msgpack.packb({"begin": 99, "memory": 1 << 30, "load_s": 1.0, "step_s": 1.0}))
         content = receive(connection, 10_000)
         assert content is not None
-        assert "versions 99 and 1" in msgpack.unpackb(content)["unavailable"]
+        assert "versions 99 and 2" in msgpack.unpackb(content)["unavailable"]
 
 
 def test_a_host_gets_the_place_of_one_that_left(start_listener: StartListener) -> None:
