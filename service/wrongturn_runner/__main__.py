@@ -6,7 +6,7 @@ from wrongturn_client import WrongturnError
 from wrongturn_runner.conversation import FAILED, Conversation
 from wrongturn_runner.errors import ModelAtFaultError, NoRoomError, RunnerFailedError
 from wrongturn_runner.jobs import check, drive
-from wrongturn_runner.messages import BUSY, REASON_MOST, CheckJob, Refused
+from wrongturn_runner.messages import BUSY, JOB, REASON_MOST, CheckJob, Refused
 from wrongturn_sandbox.reasons import printable
 
 
@@ -14,10 +14,10 @@ def main() -> int:
     """Do one job and return the exit status."""
     conversation = Conversation()
     try:
-        job = conversation.job()
-        conversation.finish(check(job, conversation) if isinstance(job, CheckJob) else drive(job, conversation))
+        job = conversation.read(JOB)
+        conversation.tell(check(job, conversation) if isinstance(job, CheckJob) else drive(job, conversation))
     except ModelAtFaultError as error:
-        conversation.finish(Refused(reason=printable(str(error), REASON_MOST)))
+        conversation.tell(Refused(reason=printable(str(error), REASON_MOST)))
     except (RunnerFailedError, WrongturnError) as error:
         sys.stderr.write(f"wrongturn_runner: {printable(str(error), REASON_MOST)}\n")
         return BUSY if isinstance(error, NoRoomError) else FAILED

@@ -9,18 +9,7 @@ from typing import Final, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from wrongturn_runner.errors import RunnerFailedError
-from wrongturn_runner.messages import (
-    JOB,
-    PRACTICE,
-    Described,
-    Driven,
-    Event,
-    Job,
-    Passed,
-    PracticeJob,
-    Progressed,
-    Refused,
-)
+from wrongturn_runner.messages import LAST, Event
 
 _T = TypeVar("_T")
 FAILED: Final = 1
@@ -42,15 +31,8 @@ class Conversation:
         self._writing = threading.Lock()
         threading.Thread(target=self._listen, daemon=True).start()
 
-    def job(self) -> Job:
-        """Wait for the first message and return it. Raises RunnerFailedError if it is not a job."""
-        return self._read(JOB)
-
-    def practice(self) -> PracticeJob:
-        """Wait for the answer to ``described`` and return it; raises as :meth:`job`."""
-        return self._read(PRACTICE)
-
-    def _read(self, kind: TypeAdapter[_T]) -> _T:
+    def read(self, kind: TypeAdapter[_T]) -> _T:
+        """Wait for the next message and return it. Raises RunnerFailedError if it is not of this kind."""
         try:
             return kind.validate_json(self._lines.get())
         except ValidationError as error:
@@ -61,16 +43,10 @@ class Conversation:
                 f"stdin: {where}: {first['msg']}; is the runner of the service's version?"
             ) from None
 
-    def tell(self, event: Described | Progressed) -> None:
-        """Write an event that others follow."""
-        self._write(event)
-
-    def finish(self, event: Passed | Refused | Driven) -> None:
-        """Write the last event."""
-        self._status = 0  # the service may close stdin as soon as it has read the event
-        self._write(event)
-
-    def _write(self, event: Event) -> None:
+    def tell(self, event: Event) -> None:
+        """Write an event."""
+        if isinstance(event, LAST):
+            self._status = 0  # the service may close stdin as soon as it has read the event
         with self._writing:
             try:
                 self._out.write(event.model_dump_json() + "\n")

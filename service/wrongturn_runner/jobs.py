@@ -8,7 +8,7 @@ from wrongturn_protocol import EvaluationState, PracticeRequest
 from wrongturn_protocol.observations import observation_space
 from wrongturn_runner.conversation import Conversation
 from wrongturn_runner.errors import RunnerFailedError
-from wrongturn_runner.messages import CheckJob, Described, DriveJob, Driven, Passed, Progressed
+from wrongturn_runner.messages import PRACTICE, CheckJob, Described, DriveJob, Driven, Passed, Progressed
 from wrongturn_runner.model import EpisodePolicy, sandboxed_model
 from wrongturn_runner.pace import CHECK_DEADLINE_S, CHECK_STEP_S, DRIVE_DEADLINE_S, DRIVE_STEP_S, Pace
 
@@ -38,7 +38,7 @@ def check(job: CheckJob, conversation: Conversation) -> Passed:
                 trained_on_faults=model.contract.trained_on_faults,
             )
         )
-        practice = conversation.practice()
+        practice = conversation.read(PRACTICE)
         with Client(job.url, practice.token) as client:
             begun = client.practise(PracticeRequest(suite=practice.suite, trial=practice.trial))
             try:

@@ -21,19 +21,13 @@ REASON_MOST: Final = 500
 """Longest reason, characters."""
 
 
-class SandboxAddress(Message):
-    """Where the sandbox is, and what it allows."""
-
-    socket: Path | None = None
-    """Unix socket of a runner container; None for bubblewrap on this machine."""
-    memory: int
-    """Bytes that the model's process may take."""
-
-
 class _ModelJob(Message):
     model: Path
     sha256: str
-    sandbox: SandboxAddress
+    socket: Path | None = None
+    """Unix socket of a runner container; None for sandboxes by bubblewrap on this machine."""
+    memory: int
+    """Bytes that the model's process may take."""
     url: str
     """URL of the service."""
 
@@ -111,6 +105,8 @@ class Driven(Message):
 
 Job = Annotated[CheckJob | DriveJob, Field(discriminator="task")]
 Event = Annotated[Described | Passed | Refused | Progressed | Driven, Field(discriminator="event")]
+LAST: Final = Passed | Refused | Driven
+"""The last words of a runner."""
 JOB: TypeAdapter[Job] = TypeAdapter(Job)
 """Reads the first line of a runner's stdin."""
 PRACTICE: Final = TypeAdapter(PracticeJob)

@@ -112,13 +112,13 @@ def sandboxed_model(
         RunnerFailedError: The file is damaged, or there is no sandbox.
     """
     data = _read(job.model, job.sha256)
-    limits = Limits(memory=job.sandbox.memory, load_s=LOAD_S, step_s=step_s)
+    limits = Limits(memory=job.memory, load_s=LOAD_S, step_s=step_s)
     with contextlib.ExitStack() as stack:
         with _explained():
-            loaded = [stack.enter_context(_first_sandbox(job.sandbox.socket, limits))]
+            loaded = [stack.enter_context(_first_sandbox(job.socket, limits))]
             with contextlib.suppress(SandboxBusyError):  # fewer are slower, but do
                 for _ in range(sandboxes - 1):
-                    loaded.append(stack.enter_context(open_sandbox(job.sandbox.socket, limits)))  # noqa: PERF401
+                    loaded.append(stack.enter_context(open_sandbox(job.socket, limits)))  # noqa: PERF401
             descriptions = [sandbox.load(data) for sandbox in loaded]
             del data
             contract = contract_of(_signature(descriptions[0]), tracks, agent_track)

@@ -5,6 +5,7 @@ import asyncio
 import structlog
 from starlette.requests import HTTPConnection
 
+from wrongturn_protocol import SubmissionState
 from wrongturn_protocol.administration import Contents, Deletion
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.accounts import Accounts
@@ -110,7 +111,7 @@ class Administration:
             holders = {*deleted.agents, *deleted.submissions, *deleted.cancelled}
             await self._accounts.forget(holders)
             for submission in deleted.cancelled:
-                self._submissions.cancelled(submission)
+                self._submissions.note_end(submission, SubmissionState.CANCELLED)
             await self._closings.drop(deleted.evaluations, holders)
             for submission in deleted.submissions:
                 await asyncio.to_thread(self._submissions.files.delete, submission)

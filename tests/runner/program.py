@@ -12,10 +12,9 @@ import psutil
 
 from wrongturn_client import Client, LocalService
 from wrongturn_protocol import Track
-from wrongturn_runner.messages import EVENT, CheckJob, DriveJob, Event, Job, PracticeJob, SandboxAddress
+from wrongturn_runner.messages import EVENT, CheckJob, DriveJob, Event, Job, PracticeJob
 
 COMMAND = (sys.executable, "-m", "wrongturn_runner")
-SANDBOX = SandboxAddress(memory=2 << 30)
 SUITE = "smoke@2"
 
 
@@ -75,7 +74,7 @@ def stored(folder: Path, model: bytes) -> dict[str, Any]:
     """Write a model and return the fields of a job that name it."""
     file = folder / "model.onnx"
     file.write_bytes(model)
-    return {"model": file, "sha256": hashlib.sha256(model).hexdigest(), "sandbox": SANDBOX}
+    return {"model": file, "sha256": hashlib.sha256(model).hexdigest(), "memory": 2 << 30}
 
 
 def check_of(folder: Path, model: bytes, url: str, *tracks: Track) -> CheckJob:

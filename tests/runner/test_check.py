@@ -49,7 +49,7 @@ class Listening:
     def tell(self, event: Described) -> None:
         self.described = event
 
-    def practice(self) -> PracticeJob:
+    def read(self, _kind: object) -> PracticeJob:
         assert self.described is not None
         return practice(self._service, self.described.track)
 

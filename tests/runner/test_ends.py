@@ -86,7 +86,7 @@ def test_its_token_is_nowhere_to_be_read(tmp_path: Path, service: LocalService) 
 def test_what_else_prints_does_not_come_between_its_events(tmp_path: Path) -> None:
     program = (
         "from wrongturn_runner.conversation import Conversation; from wrongturn_runner.messages import Driven;"
-        "c = Conversation(); print('hello', flush=True); c.finish(Driven())"
+        "c = Conversation(); print('hello', flush=True); c.tell(Driven())"
     )
     with Runner(tmp_path, (sys.executable, "-c", program)) as runner:
         assert runner.events() == [Driven()]

@@ -120,10 +120,8 @@ async def checked(http: httpx.AsyncClient, submission: str, track: Track = Track
 async def looked_at(service: Service, submission: str, track: Track = Track.CAMERA) -> str:
     """As :func:`checked`, for a service behind real sockets."""
     submissions = service.submissions
-    assert await submissions.make_agent(submission, track) is not None
-    token = await submissions.give_token(submission)
-    assert token is not None
-    return token
+    await submissions.make_agent(submission, track)
+    return await submissions.give_token(submission)
 
 
 async def running(http: httpx.AsyncClient, submission: str) -> tuple[str, str]:
@@ -151,6 +149,4 @@ async def begun(service: Service, submission: str) -> tuple[str, str]:
     assert row.track is not None
     evaluation = new_evaluation(load_suite(row.suite), row.agent_id, Track(row.track), Entry.UPLOADED)
     await submissions.rows.begin_evaluation(submission, evaluation)
-    token = await submissions.give_token(submission)
-    assert token is not None
-    return evaluation.id, token
+    return evaluation.id, await submissions.give_token(submission)

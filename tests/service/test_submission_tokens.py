@@ -14,6 +14,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from wrongturn_protocol import SubmissionState
 from wrongturn_service.api.documents import built
+from wrongturn_service.submissions.operations import OverError
 
 STEP = {"seq": 1, "action": COAST}
 RECORD: dict[str, Any] = {"episodes": []}
@@ -177,7 +178,6 @@ async def test_it_ends_with_the_state(http: httpx.AsyncClient) -> None:
 
     await good(first)
     second = await service_of(http).submissions.give_token(submission)
-    assert second is not None
     await good(first, 401)
     await good(second)
     assert await rows.set_state(submission, SubmissionState.CHECKED)
@@ -188,7 +188,8 @@ async def test_it_ends_with_the_state(http: httpx.AsyncClient) -> None:
     expect(await http.post(path, headers=bearer(third)), 201)
     await service_of(http).submissions.end(submission, SubmissionState.FAILED, "as the test wants")
     problem(await http.post(path, headers=bearer(third)), 401, "unauthenticated")
-    assert await service_of(http).submissions.give_token(submission) is None
+    with pytest.raises(OverError):
+        await service_of(http).submissions.give_token(submission)
 
 
 @pytest.fixture(scope="module")

@@ -13,16 +13,10 @@ import pytest
 import structlog
 
 from wrongturn_protocol import Track
-from wrongturn_runner.messages import CheckJob, Described, Passed, PracticeJob, Progressed, Refused, SandboxAddress
+from wrongturn_runner.messages import CheckJob, Described, Passed, PracticeJob, Progressed, Refused
 from wrongturn_service.submissions.runners import Runner, RunnerLostError, runner
 
-JOB = CheckJob(
-    model=Path("/models/su_1.onnx"),
-    sha256="0" * 64,
-    sandbox=SandboxAddress(memory=1 << 30),
-    tracks=(Track.CAMERA,),
-    url="http://x",
-)
+JOB = CheckJob(model=Path("/models/su_1.onnx"), sha256="0" * 64, memory=1 << 30, tracks=(Track.CAMERA,), url="http://x")
 
 
 @asynccontextmanager

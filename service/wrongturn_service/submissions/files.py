@@ -50,13 +50,6 @@ class ModelFiles:
         if disk.free - size < reserve:
             raise OSError(errno.ENOSPC, f"{disk.free} bytes are free, {size} are needed, {reserve} are kept free")
 
-    def size(self, submission_id: str) -> int | None:
-        """Return the bytes of a complete model; None without one."""
-        try:
-            return self.path(submission_id).stat().st_size
-        except FileNotFoundError:
-            return None
-
     def delete(self, submission_id: str) -> None:
         """Delete a complete model. Safe to call more than once."""
         self.path(submission_id).unlink(missing_ok=True)

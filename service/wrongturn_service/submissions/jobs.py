@@ -6,8 +6,7 @@ import contextlib
 import time
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import structlog
 from typing_extensions import override
@@ -62,13 +61,7 @@ class JobContext:
 
 
 class Job(abc.ABC):
-    """A submission that is being checked or driven.
-
-    Attributes:
-        row: The submission.
-        halt: Tells the job to end. It is not cancelled, because that would cut its writes to the database short.
-        task: Does the work.
-    """
+    """A submission that is being checked or driven."""
 
     done: ClassVar[SubmissionState | None] = None
     """State in which a submission ends whose job succeeded. None if it goes on."""
@@ -77,12 +70,10 @@ class Job(abc.ABC):
     def __init__(self, context: JobContext, row: SubmissionRow) -> None:
         self.row = row
         self.halt = asyncio.Event()
+        """Tells the job to end. Its task is not cancelled, because that would cut its writes to the database short."""
         self.task: asyncio.Task[None] | None = None
         self._context = context
         self._rows = context.submissions.rows
-        self._address = messages.SandboxAddress(
-            socket=context.settings.runner_socket, memory=context.settings.model_memory
-        )
 
     @abc.abstractmethod
     async def run(self) -> None:
@@ -102,19 +93,14 @@ class Job(abc.ABC):
         if not lines or lines[-1].message != message:
             await self._rows.append_log(self.row.id, message)
 
-    def _model(self) -> Path:
-        """Return the file with the model. Raises RefusedError if it is gone."""
+    def _model(self) -> dict[str, Any]:
+        """Return the fields of a runner's job that tell about the model. Raises RefusedError if it is gone."""
         file = self._context.submissions.files.path(self.row.id)
         if not file.is_file():
             raise RefusedError(NO_MODEL)
-        return file
-
-    async def _token(self) -> str:
-        """Return a new token for the runner. Raises OverError if the submission is over."""
-        token = await self._context.submissions.give_token(self.row.id)
-        if token is None:
-            raise OverError(self.row.id)
-        return token
+        settings, url = self._context.settings, self._context.url
+        sandbox = {"socket": settings.runner_socket, "memory": settings.model_memory}
+        return {"model": file, "sha256": self.row.sha256, **sandbox, "url": url}
 
     async def _wait_for_sandboxes(self) -> None:
         if self._context.availability.on:
@@ -201,12 +187,9 @@ class Check(Job):
         """Let one runner check the model until its last word. Raises RefusedError, RunnerLostError."""
         row, suite = self.row, catalogue.suite(self.row.suite)
         job = messages.CheckJob(
-            model=self._model(),
-            sha256=row.sha256,
-            sandbox=self._address,
+            **self._model(),
             tracks=suite.tracks,
             agent_track=None if row.agent_made or row.track is None else Track(row.track),
-            url=self._context.url,
         )
         loop = asyncio.get_running_loop()
         async with self._runner(job) as process:
@@ -214,8 +197,12 @@ class Check(Job):
             async for event in process.events():
                 match event:
                     case messages.Described():
-                        await self._make_agent(event)
-                        token = await self._token()
+                        await self._tell(f"The model was loaded: {event.description}. Its track is {event.track}.")
+                        submissions = self._context.submissions
+                        await submissions.make_agent(
+                            row.id, event.track, event.about, trained_on_faults=event.trained_on_faults
+                        )
+                        token = await submissions.give_token(row.id)
                         process.deadline = loop.time() + _PRACTICE_S
                         await process.send(messages.PracticeJob(token=token, suite=suite.id, trial=suite.trials[0].id))
                     case messages.Refused():
@@ -225,14 +212,6 @@ class Check(Job):
                     case _:
                         raise self._senseless(event)
         raise AssertionError("a runner's last word is passed or refused")
-
-    async def _make_agent(self, event: messages.Described) -> None:
-        await self._tell(f"The model was loaded: {event.description}. Its track is {event.track}.")
-        agent = await self._context.submissions.make_agent(
-            self.row.id, event.track, description=event.about, trained_on_faults=event.trained_on_faults
-        )
-        if agent is None:
-            raise OverError(self.row.id)
 
 
 class Drive(Job):
@@ -298,11 +277,8 @@ class Drive(Job):
         # A reset of the runner before may have opened an episode late.
         await self._runner_gone()
         job = messages.DriveJob(
-            model=self._model(),
-            sha256=self.row.sha256,
-            sandbox=self._address,
-            url=self._context.url,
-            token=await self._token(),
+            **self._model(),
+            token=await self._context.submissions.give_token(self.row.id),
             evaluation=evaluation,
             suite=self.row.suite,
         )

@@ -96,27 +96,31 @@ class Submissions:
         if await self.rows.open_count(owner_id) >= self._settings.submissions_per_owner:
             raise _too_many()
 
-    async def give_token(self, submission_id: str) -> str | None:
-        """Return a new token for a submission's runner. The last one ends. None if the submission is over.
+    async def give_token(self, submission_id: str) -> str:
+        """Return a new token for a submission's runner. The last one ends. Raises OverError.
 
         While the submission is ``queued`` the token is good for practice. While it is ``running``, the token is good
         for its evaluation.
         """
         token = new_token()
-        return token if await self.rows.set_columns(submission_id, token_sha256=digest(token)) else None
+        if not await self.rows.set_columns(submission_id, token_sha256=digest(token)):
+            raise OverError(submission_id)
+        return token
 
     async def make_agent(
-        self, submission_id: str, track: Track, *, description: str | None = None, trained_on_faults: bool = False
-    ) -> str | None:
-        """Make the agent of a submission whose model was looked at, unless an agent handed it in, and return its id.
+        self, submission_id: str, track: Track, description: str | None = None, *, trained_on_faults: bool = False
+    ) -> None:
+        """Make the agent of a submission whose model was looked at, unless an agent handed it in.
 
-        Returns None if the submission is over. Raises RefusedError if the name is taken by now.
+        Raises:
+            OverError: The submission is over.
+            RefusedError: The name is taken by now.
         """
         row = await self.rows.get(submission_id)
         if row is None or SubmissionState(row.state).over:
-            return None
+            raise OverError(submission_id)
         if row.agent_id is not None:
-            return row.agent_id
+            return
         agent = AgentRow(
             id=new_id("ag"),
             name=row.name,
@@ -130,13 +134,12 @@ class Submissions:
         )
         try:
             await self.rows.make_agent(submission_id, agent)
-        except SubmissionOverError:
-            return None
+        except SubmissionOverError as error:
+            raise OverError(submission_id) from error
         except AgentNameTakenError as error:
             raise RefusedError(
                 f"name: {row.name!r} was registered meanwhile by somebody else; hand the model in by another name"
             ) from error
-        return agent.id
 
     async def end(self, submission_id: str, state: SubmissionState, reason: str | None = None) -> bool:
         """End a submission: its token ends, its evaluation is closed unless it is finished, its practice is given up.
@@ -150,17 +153,14 @@ class Submissions:
             if changed:
                 words = f"{state.capitalize()}." if reason is None else f"{state.capitalize()}: {reason}"
                 await self.rows.append_log(submission_id, words)
-                self._note_end(submission_id, state, reason)
+                self.note_end(submission_id, state, reason)
             row = await self.rows.get(submission_id)
             if row is not None:
                 await self._clean_up(row)
             return changed
 
-    def cancelled(self, submission_id: str) -> None:
-        """Tell the dispatcher that the operator has cancelled a submission in the database."""
-        self._note_end(submission_id, SubmissionState.CANCELLED, None)
-
-    def _note_end(self, submission_id: str, state: SubmissionState, reason: str | None) -> None:
+    def note_end(self, submission_id: str, state: SubmissionState, reason: str | None = None) -> None:
+        """Log and count the end of a submission, which the database has already, and let the dispatcher look."""
         self._log.info("submission over", submission=submission_id, state=state.value, reason=reason)
         self._telemetry.submission_over(state)
         self.changed()

@@ -15,7 +15,7 @@ from typing import Final
 import structlog
 from pydantic import ValidationError
 
-from wrongturn_runner.messages import BUSY, EVENT, Driven, Event, Job, Passed, PracticeJob, Refused
+from wrongturn_runner.messages import BUSY, EVENT, LAST, Event, Job, PracticeJob
 from wrongturn_service.child_environment import child_environment
 
 COMMAND: Final = (sys.executable, "-P", "-m", "wrongturn_runner")
@@ -79,7 +79,7 @@ class Runner:
                 raise RunnerLostError(f"the runner said what is no message: {error.errors()[0]['msg']}") from error
             except ValueError as error:  # asyncio's, for a line that is too long
                 raise RunnerLostError(f"the runner said more than {_LINE} bytes in one message") from error
-            self._spoken = isinstance(event, Passed | Refused | Driven)
+            self._spoken = isinstance(event, LAST)
             yield event
             if self._spoken:
                 return
