@@ -283,12 +283,8 @@ class Accounts:
 
     async def set_token(self, row: OwnerRow | AgentRow, token: str | None, reply: IdempotencyRow | None = None) -> None:
         """Replace the token of an owner or an agent. None revokes it."""
-        token_sha256 = None if token is None else digest(token)
-        if isinstance(row, OwnerRow):
-            await self._store.set_owner_token(row.id, token_sha256, reply)
-        else:
-            await self._store.set_token(row.id, token_sha256, reply)
-            await self._forget(row.id)
+        await self._store.set_token(row, None if token is None else digest(token), reply)
+        await self._forget(row.id)
 
     async def renew(self, reply: IdempotencyRow) -> str:
         """Return a new token in place of the one that a stored reply had, which ends."""

@@ -16,8 +16,7 @@ from wrongturn_service.errors import ForbiddenError, InvalidRequestError, unknow
 from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.registration import SHIPPED
 from wrongturn_service.replays import Replays
-from wrongturn_service.storage.administration import AdministrationStore, Found
-from wrongturn_service.storage.audit import Act
+from wrongturn_service.storage.administration import Act, AdministrationStore, Found
 from wrongturn_service.storage.models import AgentRow, OwnerRow, SubmissionRow
 from wrongturn_service.submissions.operations import Submissions
 

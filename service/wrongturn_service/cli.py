@@ -58,12 +58,12 @@ def serve(
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
 
     settings = read_settings(host=host, port=port, database=database)
-    from wrongturn_service.storage.location import DatabaseUrlError, parse  # noqa: PLC0415 - imports SQLAlchemy
+    from wrongturn_service.storage.location import parse  # noqa: PLC0415 - imports SQLAlchemy
 
     try:
         parse(settings.database_url)
         bound = bind(settings.host, settings.port, settings.slow_client_s)
-    except (DatabaseUrlError, AddressError) as error:
+    except (StartupError, AddressError) as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(_USAGE) from None
     gc.disable()  # hardly anything that is imported is garbage

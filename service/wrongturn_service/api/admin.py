@@ -28,8 +28,7 @@ from wrongturn_service.api.documents import Route, described
 from wrongturn_service.api.paging import PageDep, Wanted, not_of_this_list
 from wrongturn_service.errors import InvalidRequestError, unknown
 from wrongturn_service.service import Service
-from wrongturn_service.storage.administration import After, Filters, Found
-from wrongturn_service.storage.audit import Act
+from wrongturn_service.storage.administration import Act, After, Filters, Found
 from wrongturn_service.storage.models import AgentRow, AuditRow, EvaluationRow, OwnerRow, SubmissionRow
 
 router = APIRouter(prefix="/v1/admin", tags=["admin"], route_class=Route)

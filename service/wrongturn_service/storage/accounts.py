@@ -72,15 +72,6 @@ class AccountStore(Queries):
         """Return the owner with this token, or None."""
         return await self._one(select(OwnerRow).where(OwnerRow.token_sha256 == token_sha256))
 
-    async def set_owner_token(
-        self, owner_id: str, token_sha256: str | None, reply: IdempotencyRow | None = None
-    ) -> None:
-        """Replace an owner's token. None revokes it."""
-        async with self._database.write() as session:
-            await end_tokens(session, owners=[owner_id])
-            await session.execute(update(OwnerRow).where(OwnerRow.id == owner_id).values(token_sha256=token_sha256))
-            await self._usage.remember(session, reply, owner_id)
-
     # Agents
 
     async def add_agent(self, agent: AgentRow, reply: IdempotencyRow | None) -> None:
@@ -144,12 +135,18 @@ class AccountStore(Queries):
         """Return the agent with this token, or None."""
         return await self._one(select(AgentRow).where(AgentRow.token_sha256 == token_sha256))
 
-    async def set_token(self, agent_id: str, token_sha256: str | None, reply: IdempotencyRow | None = None) -> None:
-        """Replace an agent's token. None revokes it."""
+    # Tokens
+
+    async def set_token(
+        self, holder: OwnerRow | AgentRow, token_sha256: str | None, reply: IdempotencyRow | None = None
+    ) -> None:
+        """Replace the token of an owner or an agent. None revokes it."""
+        row, agent = type(holder), isinstance(holder, AgentRow)
         async with self._database.write() as session:
-            await end_tokens(session, agents=[agent_id])
-            await session.execute(update(AgentRow).where(AgentRow.id == agent_id).values(token_sha256=token_sha256))
-            await self._usage.remember(session, reply, await owner_of(session, agent_id), {"agent_id": agent_id})
+            await end_tokens(session, **{"agents" if agent else "owners": [holder.id]})
+            await session.execute(update(row).where(row.id == holder.id).values(token_sha256=token_sha256))
+            owner = await owner_of(session, holder.id) if agent else holder.id
+            await self._usage.remember(session, reply, owner, {"agent_id": holder.id if agent else None})
 
     async def renew_token(self, reply: IdempotencyRow, token_sha256: str) -> None:
         """Replace the token that a stored reply had, unless it was rotated or revoked since."""

@@ -1,19 +1,18 @@
-"""What the operator does: lists of everything, hiding, revoking, and deletions in small steps."""
+"""What the operator does: lists of everything, hiding, revoking, deletions in small steps, and the audit log of it."""
 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from sqlalchemy import ColumnElement, and_, delete, false, or_, select, update
+from sqlalchemy import ColumnElement, and_, delete, false, func, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_protocol import SubmissionState
 from wrongturn_protocol.administration import Contents
 from wrongturn_protocol.vocabulary import AuditAction, Collection
-from wrongturn_service.storage import audit, held
+from wrongturn_service.storage import held
 from wrongturn_service.storage.accounts import end_tokens
-from wrongturn_service.storage.audit import Act
 from wrongturn_service.storage.models import (
     AgentRow,
     AuditRow,
@@ -25,7 +24,7 @@ from wrongturn_service.storage.models import (
     TrajectoryRow,
     UnusedSecretRow,
 )
-from wrongturn_service.storage.queries import Queries
+from wrongturn_service.storage.queries import Queries, next_number
 from wrongturn_service.storage.submissions import OPEN
 from wrongturn_service.storage.usage import KINDS, stored
 
@@ -38,6 +37,7 @@ ROWS: Final[dict[Collection, type[Item]]] = {
 }
 
 _BATCH: Final = 100
+_LONGEST_NAME: Final = 160
 
 
 class After(NamedTuple):
@@ -80,6 +80,35 @@ class Deleted:
     submissions: Sequence[str]
     cancelled: Sequence[str]
     """Ids of submissions that waited or ran, also of those that stay."""
+
+
+@dataclass(frozen=True)
+class Act:
+    """Who does something, from where, and why. It is written down in the transaction that does it."""
+
+    actor: str
+    """``operator``, and the first digits of the SHA-256 of the token that was sent."""
+    address: str
+    reason: str | None = None
+
+    async def note(
+        self, session: AsyncSession, action: AuditAction, target: tuple[Collection, str, str], contents: Contents
+    ) -> None:
+        """Add an entry about a target, by its kind, its id and its name, as the last one."""
+        collection, item_id, name = target
+        entry = AuditRow(
+            seq=await next_number(session, AuditRow.seq),
+            time=time.time(),
+            actor=self.actor,
+            address=self.address[:64],
+            action=action.value,
+            kind=collection.value,
+            target=item_id,
+            name=name[:_LONGEST_NAME],
+            reason=self.reason,
+            counts=contents.model_dump_json(exclude_defaults=True),
+        )
+        session.add(entry)
 
 
 class AdministrationStore(Queries):
@@ -237,10 +266,31 @@ class AdministrationStore(Queries):
         async with self._database.write() as session:
             await act.note(session, action, (collection, row.id, name), Contents(**{collection.value: 1}))
 
-    async def entries(self, **narrowed: Any) -> Sequence[AuditRow]:
-        """Return entries of the audit log, see :func:`~wrongturn_service.storage.audit.entries`."""
-        async with self._database.read() as session:
-            return await audit.entries(session, **narrowed)
+    async def entries(
+        self,
+        *,
+        before: int | None,
+        limit: int,
+        target: str | None = None,
+        named: tuple[Collection, str] | None = None,
+        action: AuditAction | None = None,
+    ) -> Sequence[AuditRow]:
+        """Return entries of the audit log, newest first.
+
+        ``before`` is a number, ``target`` an id, and ``named`` the kind of a target and a name that it has, or had, in
+        upper or lower case.
+        """
+        query = select(AuditRow).order_by(AuditRow.seq.desc()).limit(limit)
+        if before is not None:
+            query = query.where(AuditRow.seq < before)
+        if target is not None:
+            query = query.where(AuditRow.target == target)
+        if named is not None:
+            collection, name = named
+            query = query.where(AuditRow.kind == collection, func.lower(AuditRow.name) == name.lower())
+        if action is not None:
+            query = query.where(AuditRow.action == action)
+        return await self._all(query)
 
 
 def _ids(name: str, collection: Collection, item_id: str) -> Any:

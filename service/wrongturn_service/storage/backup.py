@@ -17,10 +17,6 @@ from wrongturn_service.storage import location
 from wrongturn_service.storage.check import examine
 
 
-class BackupError(StartupError):
-    """A backup cannot be made or restored. The message says why and what to do."""
-
-
 def back_up(url: str, file: Path) -> None:
     """Write a backup, completely or not at all. A service may run meanwhile.
 
@@ -29,9 +25,9 @@ def back_up(url: str, file: Path) -> None:
     """
     parsed = location.parse(url)
     if file.exists():
-        raise BackupError(f"{file} already exists; name another file")
+        raise StartupError(f"{file} already exists; name another file")
     if not file.parent.is_dir():
-        raise BackupError(f"there is no folder {file.parent}; make it, or name another file")
+        raise StartupError(f"there is no folder {file.parent}; make it, or name another file")
     part = file.with_name(file.name + ".part")
     try:
         _make(part)
@@ -44,7 +40,7 @@ def back_up(url: str, file: Path) -> None:
             os.fsync(written.fileno())
         part.replace(file)
     except OSError as error:
-        raise BackupError(f"the backup {file} cannot be written: {error.strerror or error}; name another") from error
+        raise StartupError(f"the backup {file} cannot be written: {error.strerror or error}; name another") from error
     finally:
         part.unlink(missing_ok=True)
 
@@ -59,11 +55,11 @@ def restore(url: str, file: Path, home: Path) -> None:
     """
     parsed = location.parse(url)
     if not file.is_file():
-        raise BackupError(f"there is no backup {file}; name one that 'wrongturn backup' made")
+        raise StartupError(f"there is no backup {file}; name one that 'wrongturn backup' made")
     target = location.file_of(parsed)
     if target is None:
         if "is in use" in examine(url, home):
-            raise BackupError("a service uses the database; stop it first")
+            raise StartupError("a service uses the database; stop it first")
         options = ("--clean", "--if-exists", "--no-owner", "--single-transaction", "--exit-on-error")
         _run_program(parsed, "pg_restore", *options, str(file), database_option=True)
         return
@@ -107,15 +103,15 @@ def _copy(source: Path, target: Path) -> None:
             contextlib.closing(sqlite3.connect(target)) as new,
         ):
             if not old.execute("SELECT name FROM sqlite_master WHERE name = 'alembic_version'").fetchall():
-                raise BackupError(f"{source} is not a Wrongturn database; name another")
+                raise StartupError(f"{source} is not a Wrongturn database; name another")
             old.backup(new)
             # One file, without a log beside it.
             new.execute("PRAGMA journal_mode = DELETE")
             found = new.execute("PRAGMA integrity_check").fetchone()[0]
     except sqlite3.Error as error:
-        raise BackupError(f"{source} cannot be copied: {error}; name another file") from error
+        raise StartupError(f"{source} cannot be copied: {error}; name another file") from error
     if found != "ok":
-        raise BackupError(f"{source} is damaged: {found}; name another file")
+        raise StartupError(f"{source} is damaged: {found}; name another file")
 
 
 def _run_program(url: URL, name: str, *arguments: str, database_option: bool = False) -> None:
@@ -126,7 +122,7 @@ def _run_program(url: URL, name: str, *arguments: str, database_option: bool = F
     shown = plain.render_as_string()
     command = [*arguments, f"--dbname={shown}"] if database_option else [*arguments, shown]
     if program is None:
-        raise BackupError(
+        raise StartupError(
             f"{name} is missing; install PostgreSQL's client programs, or run this where they are: "
             f"{' '.join([name, *command])}"
         )
@@ -136,4 +132,4 @@ def _run_program(url: URL, name: str, *arguments: str, database_option: bool = F
         [program, *command], env=environment, capture_output=True, text=True, check=False
     )
     if done.returncode:
-        raise BackupError(f"{name} failed: {done.stderr.strip() or f'status {done.returncode}'}")
+        raise StartupError(f"{name} failed: {done.stderr.strip() or f'status {done.returncode}'}")

@@ -21,20 +21,16 @@ OWNER_ALONE = 0o600
 _LOCKED_BYTE: Final = 1 << 62
 
 
-class DatabaseUrlError(StartupError):
-    """The URL is wrong."""
-
-
 def parse(url: str) -> URL:
     """Parse a URL and fill in the driver of SQLite or PostgreSQL.
 
     Raises:
-        DatabaseUrlError: The URL is malformed, or names SQLite in memory.
+        StartupError: The URL is malformed, or names SQLite in memory.
     """
     try:
         parsed = make_url(url)
     except ArgumentError as error:
-        raise DatabaseUrlError(
+        raise StartupError(
             f"{url!r} is not a database URL; give one such as sqlite+aiosqlite:////path/wrongturn.db by {NAMED_BY}"
         ) from error
     if parsed.drivername == "sqlite":
@@ -42,9 +38,7 @@ def parse(url: str) -> URL:
     if parsed.drivername in {"postgresql", "postgres"}:
         parsed = parsed.set(drivername="postgresql+asyncpg")
     if parsed.get_backend_name() == "sqlite" and parsed.database in {None, "", ":memory:"}:
-        raise DatabaseUrlError(
-            f"the database has to be a file, so that nothing recorded is lost; name one by {NAMED_BY}"
-        )
+        raise StartupError(f"the database has to be a file, so that nothing recorded is lost; name one by {NAMED_BY}")
     return parsed
 
 
@@ -103,7 +97,10 @@ def lock(file: Path) -> int:
     handle = _open(file)
     try:
         if not _locked(handle, file):
-            raise in_use_error(file)
+            raise StartupError(
+                f"the database file {file} is in use by another Wrongturn service; {OTHERWISE} "
+                f"or name another file by {NAMED_BY}"
+            )
         if not os.path.samestat(os.fstat(handle), file.stat()):
             raise StartupError(f"the database file {file} was replaced at this moment; start again")
     except BaseException:
@@ -121,14 +118,6 @@ def in_use(file: Path) -> bool:
         return not _locked(handle, file)
     finally:
         os.close(handle)
-
-
-def in_use_error(file: Path) -> StartupError:
-    """Return the error for a file that another service uses."""
-    return StartupError(
-        f"the database file {file} is in use by another Wrongturn service; {OTHERWISE} "
-        f"or name another file by {NAMED_BY}"
-    )
 
 
 def unwritable(file: Path, error: OSError) -> StartupError:

@@ -1,7 +1,7 @@
 """All queries about submissions, one method each. Rows are detached: read them, do not change them."""
 
 import time
-from collections.abc import Awaitable, Callable, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Collection, Iterable, Sequence
 from typing import Any, Final
 
 from sqlalchemy import and_, delete, func, or_, select, update
@@ -25,7 +25,6 @@ from wrongturn_service.storage.usage import ROW, SUBMISSION, size_of
 
 OPEN: Final = tuple(state for state in SubmissionState if not state.over)
 """States of submissions that wait or run."""
-_BATCH: Final = 500
 _LONGEST: Final = 4000
 """Characters of a reason or a log's message. Part of them can come from a model."""
 
@@ -93,9 +92,8 @@ class SubmissionStore(Queries):
 
     async def open_count(self, owner_id: str) -> int:
         """Return how many submissions of an owner wait or run."""
-        async with self._database.read() as session:
-            is_open = SubmissionRow.owner_id == owner_id, SubmissionRow.state.in_(OPEN)
-            return await session.scalar(select(func.count()).where(*is_open)) or 0
+        is_open = SubmissionRow.owner_id == owner_id, SubmissionRow.state.in_(OPEN)
+        return await self._one(select(func.count()).where(*is_open)) or 0
 
     async def get(self, submission_id: str) -> SubmissionRow | None:
         """Return a submission, or None."""
@@ -126,12 +124,11 @@ class SubmissionStore(Queries):
         query = select(SubmissionRow).where(SubmissionRow.state.in_(states or OPEN))
         return await self._all(query.order_by(SubmissionRow.seq))
 
-    async def progress(self, evaluation_ids: Iterable[str]) -> dict[str, tuple[int, int]]:
-        """Return how many episodes of each evaluation were driven to their end, and how many it has.
+    async def progress(self, evaluation_ids: Collection[str]) -> dict[str, tuple[int, int]]:
+        """Return how many episodes of each of some hundred evaluations were driven to their end, and how many it has.
 
         The trials that are missing when an evaluation is closed get a verdict too, but nobody drove them.
         """
-        wanted = list(evaluation_ids)
         finished = and_(
             EpisodeRow.evaluation_id == EvaluationRow.id,
             EpisodeRow.state == EpisodeState.FINISHED,
@@ -140,14 +137,10 @@ class SubmissionStore(Queries):
         query = (
             select(EvaluationRow.id, func.count(EpisodeRow.id), EvaluationRow.trials)
             .outerjoin(EpisodeRow, finished)
+            .where(EvaluationRow.id.in_(evaluation_ids))
             .group_by(EvaluationRow.id, EvaluationRow.trials)
         )
-        found: dict[str, tuple[int, int]] = {}
-        # Databases limit the number of a query's parameters.
-        for at in range(0, len(wanted), _BATCH):
-            some = query.where(EvaluationRow.id.in_(wanted[at : at + _BATCH]))
-            found |= {name: (done, episodes) for name, done, episodes in await self._rows(some)}
-        return found
+        return {name: (done, episodes) for name, done, episodes in await self._rows(query)}
 
     async def last_served(self) -> dict[str, int]:
         """Return the turn in which each owner's last submission began to run, by the owner's id.
