@@ -23,10 +23,7 @@ SANDBOXES: Final = 2
 def check(job: CheckJob, conversation: Conversation) -> Passed:
     """Check a model: it loads, keeps the contract, and drives a few steps of practice.
 
-    Raises:
-        ModelAtFaultError: The model cannot be driven.
-        RunnerFailedError: There is no sandbox, or it is lost.
-        WrongturnError: The service refuses, or cannot be reached.
+    Raises ModelAtFaultError, RunnerFailedError, and WrongturnError if the service refuses or cannot be reached.
     """
     pace = Pace(CHECK_STEP_S, STEPS)
     with sandboxed_model(job, step_s=CHECK_DEADLINE_S, tracks=job.tracks, agent_track=job.agent_track) as model:
@@ -60,12 +57,8 @@ def check(job: CheckJob, conversation: Conversation) -> Passed:
 def drive(job: DriveJob, conversation: Conversation) -> Driven:
     """Drive an evaluation to its end, from wherever it is.
 
-    Each observation goes to the model alone, so what it answers does not depend on the other episodes.
-
-    Raises:
-        ModelAtFaultError: The model cannot be driven.
-        RunnerFailedError: There is no sandbox, or it is lost; or the evaluation cannot be finished.
-        WrongturnError: The service refuses, or cannot be reached.
+    Each observation goes to the model alone, so what it answers does not depend on the other episodes. Raises as
+    :func:`check`, and RunnerFailedError if the evaluation cannot be finished.
     """
     with (
         sandboxed_model(job, step_s=DRIVE_DEADLINE_S, sandboxes=SANDBOXES) as model,

@@ -46,9 +46,7 @@ class SandboxedModel:
     def run(self, inputs: dict[str, NDArray[Any]]) -> tuple[dict[str, NDArray[Any]], float]:
         """Return the model's outputs and the seconds it took, once a sandbox is free.
 
-        Raises:
-            ModelAtFaultError: The model fails on the inputs, or breaks a limit.
-            RunnerFailedError: The sandbox is gone.
+        Raises ModelAtFaultError if the model fails or breaks a limit, RunnerFailedError if the sandbox is gone.
         """
         sandbox = self._idle.get()
         try:
@@ -75,12 +73,7 @@ class EpisodePolicy:
         self._state = None
 
     def act(self, observation: Observation) -> Action:
-        """Return the model's action.
-
-        Raises:
-            ModelAtFaultError: The model fails, is too slow, or its output cannot be driven.
-            RunnerFailedError: The sandbox is gone.
-        """
+        """Return the model's action. Raises as :meth:`SandboxedModel.run`, also for a wrong or too slow one."""
         self._step += 1
         try:
             outputs, seconds = self._model.run(self._model.contract.feed(observation, self._state))
@@ -105,11 +98,9 @@ def sandboxed_model(
     """Load a job's model in sandboxes for the ``with`` block.
 
     A step takes at most ``step_s``. The model drives in one of ``tracks``, and as an agent of ``agent_track`` if there
-    is one. It can take as many steps at a time as it has sandboxes, fewer if no more are free.
-
-    Raises:
-        ModelAtFaultError: The model is refused by its sandbox, or breaks the contract.
-        RunnerFailedError: The file is damaged, or there is no sandbox.
+    is one. It can take as many steps at a time as it has sandboxes, fewer if no more are free. Raises
+    ModelAtFaultError if its sandbox refuses it or it breaks the contract, RunnerFailedError if the file is damaged or
+    there is no sandbox.
     """
     data = _read(job.model, job.sha256)
     limits = Limits(memory=job.memory, load_s=LOAD_S, step_s=step_s)

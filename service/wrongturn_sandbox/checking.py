@@ -36,11 +36,8 @@ _ITEM_BYTES: Final = {TensorProto.DataType.Value(name): size for size, names in 
 def check(content: bytes | bytearray) -> ModelProto:
     """Return the model of a file that keeps the rules.
 
-    Write it anew for onnxruntime: then nothing that this reader does not know is left in it, and two readers cannot
-    see two different models.
-
-    Raises:
-        ModelRefusedError: The file is no model, or breaks a rule.
+    Write it anew for onnxruntime: then nothing that this reader does not know is left in it, and two readers cannot see
+    two different models. Raises ModelRefusedError if the file is no model, or breaks a rule.
     """
     model = _parse(content)
     _check_versions(model)

@@ -36,12 +36,7 @@ class DeadlineError(Exception):
 
 
 def send(connection: socket.socket, payload: bytes | bytearray | memoryview, deadline: float = math.inf) -> None:
-    """Send a frame, by a deadline of ``time.monotonic()``.
-
-    Raises:
-        DeadlineError: The other side did not take it in time.
-        OSError: The connection is closed.
-    """
+    """Send a frame, by a deadline of ``time.monotonic()``. Raises DeadlineError, OSError."""
     try:
         _wait_until(connection, deadline)
         header = _HEADER.pack(len(payload))
@@ -58,11 +53,7 @@ def send(connection: socket.socket, payload: bytes | bytearray | memoryview, dea
 def receive(connection: socket.socket, most: int, deadline: float = math.inf) -> bytearray | None:
     """Return a frame's content of at most so many bytes, or None when the other side has closed the connection.
 
-    Raises:
-        DeadlineError: The frame did not come in time.
-        FrameError: The frame is too long.
-        CutOffError: The connection was closed in its midst.
-        OSError: The connection is broken.
+    Raises DeadlineError, FrameError if the frame is too long, CutOffError, OSError.
     """
     header = _exactly(connection, _HEADER.size, deadline)
     if header is None:

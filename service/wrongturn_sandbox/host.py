@@ -71,12 +71,7 @@ class Sandbox(contextlib.AbstractContextManager["Sandbox", None]):
         return self._guest.pid
 
     def load(self, model: bytes | bytearray | memoryview) -> Description:
-        """Check and load a model's file. Call it once.
-
-        Raises:
-            ModelRefusedError: The model is at fault.
-            SandboxLostError: The sandbox was ended from outside.
-        """
+        """Check and load a model's file. Call it once. Raises ModelRefusedError, SandboxLostError."""
         if len(model) > MODEL_MOST:
             raise self._refused(f"the file has {len(model)} bytes; at most {MODEL_MOST} are allowed")
         parts = (frames.packed({"load": len(model)}), model)
@@ -86,10 +81,7 @@ class Sandbox(contextlib.AbstractContextManager["Sandbox", None]):
     def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         """Return the model's outputs for one step's inputs, by name. Each array has the batch axis.
 
-        Raises:
-            ModelRefusedError: The model is at fault.
-            SandboxLostError: The sandbox was ended from outside.
-            ValueError: An input's type does not go into a sandbox.
+        Raises ModelRefusedError, SandboxLostError, and ValueError if an input's type does not go into a sandbox.
         """
         call = frames.packed({"run": pack_arrays(inputs)})
         late = f"a step of the model took longer than {self._limits.step_s:g} s; make it smaller or simpler"
@@ -167,11 +159,8 @@ class Sandbox(contextlib.AbstractContextManager["Sandbox", None]):
 def open_sandbox(path: Path | None, limits: Limits) -> Sandbox:
     """Open a sandbox that is ready to take a model.
 
-    ``path`` is the Unix socket of a runner container, or None for bubblewrap on this machine.
-
-    Raises:
-        SandboxBusyError: All sandboxes of the runner container are taken.
-        SandboxUnavailableError: None can be opened; the message says why, and what the operator can do.
+    ``path`` is the Unix socket of a runner container, or None for bubblewrap on this machine. Raises SandboxBusyError,
+    SandboxUnavailableError.
     """
     sandbox = Sandbox(Bubblewrap() if path is None else Remote(path), limits)
     try:

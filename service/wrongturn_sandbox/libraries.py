@@ -80,8 +80,7 @@ def packages() -> dict[str, Path]:
 def shared_libraries() -> tuple[Path, tuple[Path, ...]]:
     """Return the path where programs expect the dynamic linker, and the shared libraries that it would load.
 
-    Raises:
-        SandboxUnavailableError: libseccomp is missing, or the linker cannot be asked.
+    Raises SandboxUnavailableError if libseccomp is missing, or the linker cannot be asked.
     """
     try:
         load_seccomp()

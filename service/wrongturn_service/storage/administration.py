@@ -159,8 +159,7 @@ class AdministrationStore(Queries):
     async def revoke(self, collection: Collection, item_id: str, act: Act) -> tuple[int, Sequence[str]]:
         """End the token of an agent, or those of an owner and its agents.
 
-        Returns:
-            The number of tokens that ended, and the ids of the agents among their holders.
+        Returns the number of tokens that ended, and the ids of the agents among their holders.
         """
         async with self._database.write() as session:
             has_token = _ids("agents", collection, item_id).where(AgentRow.token_sha256.is_not(None))
@@ -350,16 +349,11 @@ async def _hold(session: AsyncSession, collection: Collection, item_id: str, del
 
 
 def _found(collection: Collection) -> Any:
-    match collection:
-        case Collection.OWNERS:
-            return select(OwnerRow, OwnerRow.name, OwnerRow.id)
-        case Collection.AGENTS:
-            return select(AgentRow, AgentRow.name, AgentRow.owner_id)
-        case Collection.EVALUATIONS:
-            agent = AgentRow.id == EvaluationRow.agent_id
-            return select(EvaluationRow, AgentRow.name, AgentRow.owner_id).join(AgentRow, agent)
-        case Collection.SUBMISSIONS:
-            return select(SubmissionRow, SubmissionRow.name, SubmissionRow.owner_id)
+    if collection is Collection.EVALUATIONS:
+        agent = AgentRow.id == EvaluationRow.agent_id
+        return select(EvaluationRow, AgentRow.name, AgentRow.owner_id).join(AgentRow, agent)
+    row: Any = ROWS[collection]
+    return select(row, row.name, row.id if row is OwnerRow else row.owner_id)
 
 
 def _conditions(collection: Collection, filters: Filters) -> list[ColumnElement[bool]]:

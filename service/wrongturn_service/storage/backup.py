@@ -20,8 +20,7 @@ from wrongturn_service.storage.check import examine
 def back_up(url: str, file: Path) -> None:
     """Write a backup, completely or not at all. A service may run meanwhile.
 
-    Raises:
-        StartupError: The database or the file cannot be used.
+    Raises StartupError if the database or the file cannot be used.
     """
     parsed = location.parse(url)
     if file.exists():
@@ -48,10 +47,8 @@ def back_up(url: str, file: Path) -> None:
 def restore(url: str, file: Path, home: Path) -> None:
     """Replace the database by a backup.
 
-    Only the ``home`` may be created.
-
-    Raises:
-        StartupError: A service uses the database, or the backup or the database cannot be used.
+    Only the ``home`` may be created. Raises StartupError if a service uses the database, or the backup or the database
+    cannot be used.
     """
     parsed = location.parse(url)
     if not file.is_file():

@@ -19,10 +19,7 @@ from wrongturn_service.storage.database import migrations, startup_errors
 def examine(url: str, home: Path) -> str:
     """Return a sentence about a database that a service can use.
 
-    Only the ``home`` may be created.
-
-    Raises:
-        StartupError: A service could not use the database. The message says why.
+    Only the ``home`` may be created. Raises StartupError if a service could not use the database. The message says why.
     """
     parsed = location.parse(url)
     shown = parsed.render_as_string(hide_password=True)

@@ -67,11 +67,9 @@ class Database:
     async def open(cls, url: str, *, home: Path | None = None, telemetry: Telemetry | None = None) -> Self:
         """Connect, lock the file or the server's database, and migrate the tables.
 
-        A missing folder of the file is made only if it is the ``home``.
-
-        Raises:
-            StartupError: The URL is wrong, its folder is missing, the file cannot be written, the server does not
-                answer, another service uses the database, or a newer version made it.
+        A missing folder of the file is made only if it is the ``home``. Raises StartupError if the URL is wrong, its
+        folder is missing, the file cannot be written, the server does not answer, another service uses the database, or
+        a newer version made it.
         """
         parsed = location.parse(url)
         file = location.file_of(parsed)
@@ -98,12 +96,7 @@ class Database:
             return cls(engine, stack.pop_all(), ownership, file, telemetry)
 
     def check(self) -> None:
-        """Check that the database is still there and ours, without a query.
-
-        Raises:
-            DatabaseTakenError: Another service has taken it.
-            DatabaseGoneError: Its file is gone or replaced.
-        """
+        """Check without a query that the database is there and ours. Raises DatabaseGoneError, DatabaseTakenError."""
         if self._file is not None and _identity(self._file) != self._identity:
             raise DatabaseGoneError(f"{self._file} was deleted, moved or replaced; put it back or restart the service")
         if self._ownership is not None:

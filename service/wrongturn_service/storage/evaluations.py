@@ -34,13 +34,8 @@ class EvaluationStore(Queries):
         """Store a new evaluation, unless one of the agent on the suite is running.
 
         It takes the secret of the agent's last evaluation on the suite if that one was deleted before its first step.
-        ``remember`` makes the reply for the idempotency key.
-
-        Returns:
-            The running evaluation: the new one, or the one that was there before.
-
-        Raises:
-            QuotaReachedError: What it can come to does not fit.
+        ``remember`` makes the reply for the idempotency key. Returns the one that is running now. Raises
+        QuotaReachedError if what it can come to does not fit.
         """
         async with self._database.write() as session:
             of_agent = EvaluationRow.agent_id == evaluation.agent_id, EvaluationRow.suite == evaluation.suite
@@ -106,8 +101,7 @@ class EvaluationStore(Queries):
     async def delete_undriven(self, evaluation_id: str) -> bool:
         """Delete a running evaluation without any step, and keep its secret for the agent's next one on the suite.
 
-        Returns:
-            Whether it was deleted.
+        Returns whether it was deleted.
         """
         async with self._database.write() as session:
             row = await session.get(EvaluationRow, evaluation_id)
@@ -200,8 +194,7 @@ class EvaluationStore(Queries):
     async def check_room(self, owner_id: str, more: int) -> None:
         """Make room for so many bytes of an owner, if need be by deleting its oldest practice.
 
-        Raises:
-            QuotaReachedError: There is none.
+        Raises QuotaReachedError if there is none.
         """
         async with self._database.write() as session:
             await self._usage.make_room(session, owner_id, more)

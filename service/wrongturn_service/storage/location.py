@@ -24,8 +24,7 @@ _LOCKED_BYTE: Final = 1 << 62
 def parse(url: str) -> URL:
     """Parse a URL and fill in the driver of SQLite or PostgreSQL.
 
-    Raises:
-        StartupError: The URL is malformed, or names SQLite in memory.
+    Raises StartupError if the URL is malformed, or names SQLite in memory.
     """
     try:
         parsed = make_url(url)
@@ -50,8 +49,7 @@ def file_of(url: URL) -> Path | None:
 def ensure_folder(file: Path, home: Path | None) -> None:
     """Check that the file's folder exists. Only ``home`` is created; any other missing folder may be a typing error.
 
-    Raises:
-        StartupError: The folder is missing or cannot be created.
+    Raises StartupError if the folder is missing or cannot be created.
     """
     folder = file.parent
     try:
@@ -67,8 +65,7 @@ def ensure_folder(file: Path, home: Path | None) -> None:
 def ensure_file(file: Path) -> None:
     """Create the file if it is missing, readable by its owner only. SQLite gives its other files the same mode.
 
-    Raises:
-        StartupError: The file cannot be created, or is gone while its write-ahead log is there.
+    Raises StartupError if the file cannot be created, or is gone while its write-ahead log is there.
     """
     log = file.with_name(f"{file.name}-wal")
     try:
@@ -89,10 +86,8 @@ def lock(file: Path) -> int:
     """Lock the database for this process and return the descriptor that holds the lock until it is closed.
 
     The lock is on the file itself, so it holds under each of the file's names, whatever is deleted beside it. Close the
-    descriptor after the last connection: closing any descriptor of a file drops SQLite's own locks on it.
-
-    Raises:
-        StartupError: Another service has the lock, or the file cannot be written.
+    descriptor after the last connection: closing any descriptor of a file drops SQLite's own locks on it. Raises
+    StartupError if another service has the lock, or the file cannot be written.
     """
     handle = _open(file)
     try:

@@ -169,9 +169,7 @@ class SubmissionStore(Queries):
         """Move a submission into a state, and end its runner's token unless a new one is among the columns.
 
         A submission that is over stays as it is. ``started`` is set when it first runs, ``ended`` when it is over.
-
-        Returns:
-            Whether it has changed.
+        Returns whether it has changed.
         """
         now = time.time()
         values: dict[str, Any] = {"token_sha256": None, **columns, "state": state, "reason": storable(reason)}
@@ -215,8 +213,7 @@ class SubmissionStore(Queries):
     async def remove_agent(self, submission_id: str) -> str | None:
         """Delete the agent that was made for a submission, and its practice, unless it has an evaluation.
 
-        Returns:
-            The id of the agent that was deleted, or None.
+        Returns the id of the agent that was deleted, or None.
         """
         async with self._database.write() as session:
             row = await session.get(SubmissionRow, submission_id)

@@ -177,10 +177,8 @@ class Usage:
     async def make_room(self, session: AsyncSession, owner_id: str, more: int, *, reserve: bool = False) -> None:
         """Make room for so many bytes, if need be by deleting the owner's oldest practice.
 
-        ``reserve`` says that they are what an evaluation can come to, which the error then explains.
-
-        Raises:
-            QuotaReachedError: They do not fit even then.
+        ``reserve`` says that they are what an evaluation can come to, which the error then explains. Raises
+        QuotaReachedError if they do not fit even then.
         """
         summed = False
         while (reached := await self._reached(session, owner_id, more)) is not None:
@@ -235,15 +233,9 @@ class Usage:
     ) -> None:
         """Store the reply for an idempotency key, if there is one. What it is about is stored already.
 
-        Args:
-            session: The transaction.
-            reply: The reply. None without a key.
-            owner_id: The owner whose bytes it counts to.
-            about: Ids of what the reply is about: ``agent_id``, ``evaluation_id``, ``episode_id``, ``submission_id``.
-            reserved: The reply's evaluation has reserved its bytes. Otherwise the owner's quota must have room.
-
-        Raises:
-            QuotaReachedError: It does not fit.
+        Its bytes count to the owner; unless its evaluation has ``reserved`` them, they have to fit into the quota, or
+        it raises QuotaReachedError. ``about`` are ids of what it is about: ``agent_id``, ``evaluation_id``,
+        ``episode_id``, ``submission_id``.
         """
         if reply is None:
             return
@@ -258,8 +250,7 @@ class Usage:
     async def check_accounts(self, session: AsyncSession, owner: OwnerRow, *, agents: int, owners: int) -> None:
         """Check that an owner may have so many new agents; ``owners`` is 1 if it is new itself, else 0.
 
-        Raises:
-            QuotaReachedError: It has, or its address has, as many as may be.
+        Raises QuotaReachedError if it has, or its address has, as many as may be.
         """
         if owner.name_key == OWNER_NAME.lower():
             return

@@ -34,8 +34,7 @@ logging.getLogger("python_multipart").setLevel(logging.CRITICAL)
 def boundary_of(content_type: str) -> bytes:
     """Return the boundary that a ``Content-Type`` header names.
 
-    Raises:
-        ServiceError: The type is not ``multipart/form-data`` (415), or its boundary is missing or malformed (400).
+    Raises ServiceError if the type is not ``multipart/form-data`` (415), or its boundary is missing or malformed (400).
     """
     media, options = parse_options_header(content_type[:_HEADER_LIMIT])
     if media != b"multipart/form-data":
@@ -86,8 +85,7 @@ class Form:
     def feed(self, piece: bytes) -> None:
         """Read the next piece.
 
-        Raises:
-            ServiceError: The body is malformed (400), the model is too large (413), or a field is wrong (422).
+        Raises ServiceError if the body is malformed (400), the model is too large (413), or a field is wrong (422).
         """
         self._taken += len(piece)
         if self._taken > self._limit + AROUND:
@@ -108,8 +106,7 @@ class Form:
     def end(self) -> dict[str, str]:
         """Return the values of the fields beside the model.
 
-        Raises:
-            ServiceError: The body ended too early (400), or a field is missing or wrong (422).
+        Raises ServiceError if the body ended too early (400), or a field is missing or wrong (422).
         """
         if not self._ended:
             raise _malformed("it ends before its final boundary; send it again")

@@ -301,8 +301,7 @@ class Drive(Job):
     async def _settle(self, evaluation_id: str) -> None:
         """Wait until the metrics of an evaluation are stored, whose every episode is over.
 
-        Raises:
-            RunnerLostError: Episodes are missing, whatever the runner said.
+        Raises RunnerLostError if episodes are missing, whatever the runner said.
         """
         store = self._context.store
         while True:

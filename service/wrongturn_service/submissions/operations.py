@@ -74,9 +74,8 @@ class Submissions:
     async def add(self, row: SubmissionRow, reply: IdempotencyRow | None) -> None:
         """Store a submission whose model is on disk, as the last in line. If it is refused, its model is deleted.
 
-        Raises:
-            ConflictError: The name is taken, or the agent has begun the suite.
-            UnavailableError: The owner has too many open submissions (429).
+        Raises ConflictError if the name is taken or the agent has begun the suite, UnavailableError (429) if the owner
+        has too many open submissions.
         """
         try:
             await self.rows.add(row, reply, most=self._settings.submissions_per_owner)
@@ -112,9 +111,7 @@ class Submissions:
     ) -> None:
         """Make the agent of a submission whose model was looked at, unless an agent handed it in.
 
-        Raises:
-            OverError: The submission is over.
-            RefusedError: The name is taken by now.
+        Raises OverError, and RefusedError if the name is taken by now.
         """
         row = await self.rows.get(submission_id)
         if row is None or SubmissionState(row.state).over:

@@ -65,9 +65,7 @@ class Runner:
     async def events(self) -> AsyncIterator[Event]:
         """Yield what the runner says, until its last word.
 
-        Raises:
-            RunnerLostError: It ended before that, was too slow, or said something that makes no sense.
-            HaltedError: The job was told to end.
+        Raises HaltedError, and RunnerLostError if it ended before that, was too slow, or said what makes no sense.
         """
         while True:
             try:

@@ -73,8 +73,7 @@ class Uploads:
     def boundary(self, length: int | None, content_type: str) -> bytes:
         """Check the head of a request, before its body is read, and return the body's boundary.
 
-        Raises:
-            ServiceError: The body is too large (413), of another type (415), or without a boundary (400).
+        Raises ServiceError if the body is too large (413), of another type (415), or without a boundary (400).
         """
         if length is not None and length > self._limit + AROUND:
             raise too_large(self._limit)
@@ -83,8 +82,7 @@ class Uploads:
     async def check_disk(self, length: int | None) -> None:
         """Check, before a body is read, that the disk has room for it, or for the largest model if nobody said.
 
-        Raises:
-            ServiceError: The disk would be too full (507).
+        Raises ServiceError if the disk would be too full (507).
         """
         await self._work(self._files.check_room, self._limit if length is None else length)
 
@@ -147,8 +145,8 @@ class Uploads:
 async def _parts(body: AsyncIterator[bytes], patience_s: float) -> AsyncIterator[bytes]:
     """Yield a body in large parts.
 
-    Raises:
-        ServiceError: The client sends less than :data:`PROGRESS` bytes within the time. Only waiting for it counts.
+    Raises ServiceError if the client sends less than :data:`PROGRESS` bytes within the time. Only waiting for it
+    counts.
     """
     loop = asyncio.get_running_loop()
     part = bytearray()
