@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from sqlalchemy import and_, delete, inspect, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
+from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service.storage import held
 from wrongturn_service.storage.models import AgentRow, IdempotencyRow, OwnerRow
 from wrongturn_service.storage.queries import Queries
@@ -167,14 +168,14 @@ async def end_tokens(session: AsyncSession, *, owners: Sequence[str] = (), agent
 
 async def _check_owner_name(session: AsyncSession, owner: OwnerRow) -> None:
     taken = select(OwnerRow.id).where(OwnerRow.name_key == owner.name_key)
-    if await session.scalar(taken) is not None or await held.is_held(session, held.OWNER, owner.name_key):
+    if await session.scalar(taken) is not None or await held.is_held(session, Collection.OWNERS, owner.name_key):
         raise OwnerNameTakenError(owner.name)
 
 
 async def agent_name_taken(session: AsyncSession, name_key: str) -> bool:
     """Return whether an agent has a name in lower case, or the operator has deleted one that had it."""
     taken = select(AgentRow.id).where(AgentRow.name_key == name_key)
-    return await session.scalar(taken) is not None or await held.is_held(session, held.AGENT, name_key)
+    return await session.scalar(taken) is not None or await held.is_held(session, Collection.AGENTS, name_key)
 
 
 async def check_there(session: AsyncSession, row: type[OwnerRow | AgentRow], holder_id: str) -> None:

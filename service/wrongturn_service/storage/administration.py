@@ -329,10 +329,10 @@ async def _whole(session: AsyncSession, collection: Collection, item_id: str) ->
 
 async def _hold(session: AsyncSession, collection: Collection, item_id: str, deleted: str) -> None:
     """Keep the names, and the place on a suite, of what is about to be deleted."""
-    for name, row, kind in (("owners", OwnerRow, held.OWNER), ("agents", AgentRow, held.AGENT)):
-        names = select(row.name_key).where(row.id.in_(_ids(name, collection, item_id)))
+    for row, kind in ((OwnerRow, Collection.OWNERS), (AgentRow, Collection.AGENTS)):
+        names = select(row.name_key).where(row.id.in_(_ids(kind, collection, item_id)))
         for key in (await session.scalars(names)).all():
-            await session.merge(HeldRow(kind=kind, key=key, deleted=deleted))
+            await session.merge(HeldRow(kind=kind.one, key=key, deleted=deleted))
     evaluation = await session.get(EvaluationRow, item_id) if collection is Collection.EVALUATIONS else None
     if evaluation is None:
         return
@@ -345,7 +345,7 @@ async def _hold(session: AsyncSession, collection: Collection, item_id: str, del
     first = select(EvaluationRow.id).where(*of_agent).order_by(EvaluationRow.seq).limit(1)
     if await session.scalar(first) == item_id:
         key = held.place(agent, suite)
-        await session.merge(HeldRow(kind=held.EVALUATION, key=key, agent_id=agent, deleted=deleted))
+        await session.merge(HeldRow(kind=collection.one, key=key, agent_id=agent, deleted=deleted))
 
 
 def _found(collection: Collection) -> Any:

@@ -3,14 +3,8 @@
 from sqlalchemy import delete, select
 from sqlalchemy.ext.asyncio import AsyncSession
 
+from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service.storage.models import HeldRow
-
-OWNER = "owner"
-"""Kind of a held name of an owner. The key is the name in lower case."""
-AGENT = "agent"
-"""Kind of a held name of an agent. The key is the name in lower case."""
-EVALUATION = "evaluation"
-"""Kind of a held place on a suite. The key is the agent's id and the suite."""
 
 
 def place(agent_id: str, suite: str) -> str:
@@ -18,9 +12,9 @@ def place(agent_id: str, suite: str) -> str:
     return f"{agent_id} {suite}"
 
 
-async def is_held(session: AsyncSession, kind: str, key: str) -> bool:
-    """Return whether a name or a place stays taken."""
-    return await session.get(HeldRow, (kind, key)) is not None
+async def is_held(session: AsyncSession, kind: Collection, key: str) -> bool:
+    """Return whether the name of an owner or an agent, in lower case, or an evaluation's place on a suite is taken."""
+    return await session.get(HeldRow, (kind.one, key)) is not None
 
 
 async def free(session: AsyncSession, deleted: str) -> int:
@@ -36,7 +30,7 @@ async def held_by(session: AsyncSession, deleted: str) -> tuple[str, ...]:
 
 
 def _words(row: HeldRow) -> str:
-    if row.kind == EVALUATION:
+    if row.kind == Collection.EVALUATIONS.one:
         agent, _, suite = row.key.partition(" ")
         return f"the place of agent {agent} on {suite}"
     return f"the name {row.key!r} of an {row.kind}"

@@ -1,13 +1,14 @@
 """All queries about submissions, one method each. Rows are detached: read them, do not change them."""
 
 import time
-from collections.abc import Awaitable, Callable, Collection, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from typing import Any, Final
 
 from sqlalchemy import and_, delete, func, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_protocol import EpisodeState, EvaluationState, SubmissionState, Verdict
+from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service.storage import held
 from wrongturn_service.storage.accounts import AgentNameTakenError, agent_name_taken, check_there
 from wrongturn_service.storage.evaluations import prepare_evaluation
@@ -124,7 +125,7 @@ class SubmissionStore(Queries):
         query = select(SubmissionRow).where(SubmissionRow.state.in_(states or OPEN))
         return await self._all(query.order_by(SubmissionRow.seq))
 
-    async def progress(self, evaluation_ids: Collection[str]) -> dict[str, tuple[int, int]]:
+    async def progress(self, evaluation_ids: Iterable[str]) -> dict[str, tuple[int, int]]:
         """Return how many episodes of each of some hundred evaluations were driven to their end, and how many it has.
 
         The trials that are missing when an evaluation is closed get a verdict too, but nobody drove them.
@@ -296,7 +297,7 @@ async def _check_name(session: AsyncSession, name_key: str) -> None:
 
 
 async def _check_not_begun(session: AsyncSession, agent_id: str, suite: str) -> None:
-    if await held.is_held(session, held.EVALUATION, held.place(agent_id, suite)):
+    if await held.is_held(session, Collection.EVALUATIONS, held.place(agent_id, suite)):
         raise SuiteBegunError(agent_id)
     await _check_no_evaluation(session, agent_id, suite)
     of_agent = SubmissionRow.agent_id == agent_id, SubmissionRow.suite == suite

@@ -3,7 +3,7 @@
 from sqlalchemy import ColumnElement, and_, select
 
 from wrongturn_protocol import EvaluationState
-from wrongturn_service.storage import held
+from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service.storage.models import AgentRow, EvaluationRow, HeldRow, OwnerRow
 
 
@@ -41,5 +41,5 @@ def counting_suites() -> ColumnElement[bool]:
     What is driven after such a deletion does not count, unless the operator has freed the place.
     """
     place = EvaluationRow.agent_id.concat(" ").concat(EvaluationRow.suite)
-    kept = select(HeldRow.key).where(HeldRow.kind == held.EVALUATION, HeldRow.key == place)
+    kept = select(HeldRow.key).where(HeldRow.kind == Collection.EVALUATIONS.one, HeldRow.key == place)
     return ~kept.correlate(EvaluationRow).exists()

@@ -18,7 +18,7 @@ from wrongturn_service.episodes.episodes import PATIENCE_S, Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations, new_evaluation
 from wrongturn_service.errors import ServiceError
 from wrongturn_service.settings import Settings
-from wrongturn_service.storage.models import SubmissionRow
+from wrongturn_service.storage.models import EvaluationRow, SubmissionRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.submissions import SubmissionOverError, SuiteBegunError
 from wrongturn_service.submissions.availability import Availability
@@ -226,14 +226,22 @@ class Drive(Job):
             await self._begin()
         else:
             await self._tell("The service was restarted. The drive goes on.")
-        evaluation, attempts = self.row.evaluation_id or "", self.row.attempts
-        while not await self._finished():
+        attempts, finished_count = self.row.attempts, self._context.store.finished_count
+        while (evaluation := await self._running()) is not None:
+            before = await finished_count(evaluation.id)
+            if before == evaluation.trials:  # the metrics alone are missing
+                await self._context.evaluations.finish_closed(evaluation.id)
+                if await self._running() is not None:
+                    _log.warning("metrics are not stored yet", evaluation=evaluation.id)
+                    await self.pause(_METRICS_PAUSE_S)
+                continue
             await self._wait_for_sandboxes()
-            before = await self._context.store.finished_count(evaluation)
             try:
-                await self._once(evaluation, before)
+                await self._once(evaluation.id, before)
+                if await self._running() is not None and await finished_count(evaluation.id) < evaluation.trials:
+                    raise RunnerLostError("the runner said that it was done, but episodes are missing")
             except RunnerLostError as lost:
-                after = await self._context.store.finished_count(evaluation)
+                after = await finished_count(evaluation.id)
                 attempts = await self._lost(lost, 0 if after > before else attempts)
 
     async def _begin(self) -> None:
@@ -260,14 +268,14 @@ class Drive(Job):
         assert begun is not None
         self.row = begun
 
-    async def _finished(self) -> bool:
-        """Return whether the evaluation is finished. Raises RefusedError if it cannot go on."""
+    async def _running(self) -> EvaluationRow | None:
+        """Return the evaluation, None once it is finished. Raises RefusedError if it cannot go on."""
         evaluation = await self._context.store.evaluation(self.row.evaluation_id or "")
         if evaluation is None:
             raise RefusedError("its evaluation was deleted before its first step; hand the model in again")
         if evaluation.state == EvaluationState.CANCELLED:
             raise RefusedError("its evaluation was cancelled")
-        return evaluation.state == EvaluationState.FINISHED
+        return None if evaluation.state == EvaluationState.FINISHED else evaluation
 
     async def _once(self, evaluation: str, told: int) -> None:
         """Let one runner drive until its last word. Raises RefusedError, RunnerLostError.
@@ -296,22 +304,3 @@ class Drive(Job):
                         break
                     case _:
                         raise self._senseless(event)
-        await self._settle(evaluation)
-
-    async def _settle(self, evaluation_id: str) -> None:
-        """Wait until the metrics of an evaluation are stored, whose every episode is over.
-
-        Raises RunnerLostError if episodes are missing, whatever the runner said.
-        """
-        store = self._context.store
-        while True:
-            evaluation = await store.evaluation(evaluation_id)
-            if evaluation is None or evaluation.state != EvaluationState.RUNNING:
-                return
-            if await store.finished_count(evaluation_id) < evaluation.trials:
-                raise RunnerLostError("the runner said that it was done, but episodes are missing")
-            await self._context.evaluations.finish_closed(evaluation_id)
-            evaluation = await store.evaluation(evaluation_id)
-            if evaluation is not None and evaluation.state == EvaluationState.RUNNING:
-                _log.warning("metrics are not stored yet", evaluation=evaluation_id)
-                await self.pause(_METRICS_PAUSE_S)
