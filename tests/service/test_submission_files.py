@@ -6,7 +6,6 @@ from pathlib import Path
 
 import httpx
 import pytest
-from app_harness import play
 from model_form import model
 from service_harness import expect, problem
 from sqlalchemy import update
@@ -26,18 +25,15 @@ def files(home: Path) -> list[str]:
     return sorted(file.name for file in (home / "submissions").iterdir())
 
 
-def test_a_start_deletes_what_uploads_left(tmp_path: Path) -> None:
+async def test_a_start_deletes_what_uploads_left(tmp_path: Path) -> None:
     folder = tmp_path / "submissions"
     folder.mkdir()
     for name in ("su_1.part", "su_2.onnx", "notes.txt", "mine.onnx"):
         (folder / name).write_text(name)
 
-    async def story() -> None:
-        async with handing_in(tmp_path):
-            # A model without a row may belong to a newer database than the one that was put back.
-            assert files(tmp_path) == ["mine.onnx", "notes.txt", "su_2.onnx"]
-
-    play(story)
+    async with handing_in(tmp_path):
+        # A model without a row may belong to a newer database than the one that was put back.
+        assert files(tmp_path) == ["mine.onnx", "notes.txt", "su_2.onnx"]
 
 
 def test_a_start_leaves_what_another_service_receives(tmp_path: Path) -> None:
@@ -85,79 +81,61 @@ async def _age(rows: SubmissionStore, submission: str, days: float) -> None:
         await session.execute(update(SubmissionRow).where(SubmissionRow.id == submission).values(ended=then))
 
 
-def test_a_restored_submission_without_its_model_has_failed(tmp_path: Path) -> None:
+async def test_a_restored_submission_without_its_model_has_failed(tmp_path: Path) -> None:
     url = f"sqlite+aiosqlite:///{tmp_path / 'a.db'}"
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     ids: dict[str, str] = {}
 
-    async def before() -> None:
-        async with handing_in(tmp_path) as http:
-            for name in ("queued", "checked", "running", "driven", "kept"):
-                ids[name] = expect(await hand_in(http, model(name=name)), 202)["id"]
-            ids["ada"] = http.headers["Authorization"].removeprefix("Bearer ")
-            for name in ("checked", "running"):
-                await checked(http, ids[name])
-            await service_of(http).submissions.rows.set_state(ids["checked"], SubmissionState.CHECKED)
-            await running(http, ids["running"])
-            await driven(http, ids["driven"])
-            back_up(url, tmp_path / "backup")
-
-    async def after() -> None:
-        restore(f"sqlite+aiosqlite:///{elsewhere / 'a.db'}", tmp_path / "backup", elsewhere)
-        kept = elsewhere / "submissions" / f"{ids['kept']}.onnx"
-        kept.parent.mkdir()
-        kept.write_bytes((tmp_path / "submissions" / kept.name).read_bytes())
-        async with handing_in(elsewhere, ids["ada"]) as http:
-            listed = expect(await http.get("/v1/submissions"), 200)["submissions"]
-            states = {row["name"]: (row["state"], row.get("reason")) for row in listed}
-            gone = ("failed", NO_MODEL)
-            assert states == {
-                "queued": gone,
-                "checked": gone,
-                "running": gone,
-                "driven": gone,
-                "kept": ("queued", None),
-            }
-            # Names are free again, but for the agent whose evaluation counts.
-            for name in ("queued", "checked", "running"):
-                expect(await hand_in(http, model(name=name)), 202)
-            problem(await hand_in(http, model(name="driven")), 409, "agent-name-taken")
-            closed = next(row for row in listed if row["name"] == "driven")
-            assert closed["finished"] == 0
-            assert closed["episodes"] > 0
-            assert expect(await http.get(f"/v1/evaluations/{closed['evaluation']}"), 200)["state"] == "finished"
-
-    play(before)
-    play(after)
+    async with handing_in(tmp_path) as http:
+        for name in ("queued", "checked", "running", "driven", "kept"):
+            ids[name] = expect(await hand_in(http, model(name=name)), 202)["id"]
+        ids["ada"] = http.headers["Authorization"].removeprefix("Bearer ")
+        for name in ("checked", "running"):
+            await checked(http, ids[name])
+        await service_of(http).submissions.rows.set_state(ids["checked"], SubmissionState.CHECKED)
+        await running(http, ids["running"])
+        await driven(http, ids["driven"])
+        back_up(url, tmp_path / "backup")
+    restore(f"sqlite+aiosqlite:///{elsewhere / 'a.db'}", tmp_path / "backup", elsewhere)
+    kept = elsewhere / "submissions" / f"{ids['kept']}.onnx"
+    kept.parent.mkdir()
+    kept.write_bytes((tmp_path / "submissions" / kept.name).read_bytes())
+    async with handing_in(elsewhere, ids["ada"]) as http:
+        listed = expect(await http.get("/v1/submissions"), 200)["submissions"]
+        states = {row["name"]: (row["state"], row.get("reason")) for row in listed}
+        gone = ("failed", NO_MODEL)
+        assert states == {"queued": gone, "checked": gone, "running": gone, "driven": gone, "kept": ("queued", None)}
+        # Names are free again, but for the agent whose evaluation counts.
+        for name in ("queued", "checked", "running"):
+            expect(await hand_in(http, model(name=name)), 202)
+        problem(await hand_in(http, model(name="driven")), 409, "agent-name-taken")
+        closed = next(row for row in listed if row["name"] == "driven")
+        assert closed["finished"] == 0
+        assert closed["episodes"] > 0
+        assert expect(await http.get(f"/v1/evaluations/{closed['evaluation']}"), 200)["state"] == "finished"
 
 
 @pytest.mark.parametrize("drives", [False, True])
-def test_an_end_that_was_cut_off_is_made_up_for_at_the_start(tmp_path: Path, drives: bool) -> None:
+async def test_an_end_that_was_cut_off_is_made_up_for_at_the_start(tmp_path: Path, drives: bool) -> None:
     """The service dies between the state and the rest: the evaluation is closed, or the agent deleted, later."""
     ids: dict[str, str] = {}
 
-    async def before() -> None:
-        async with handing_in(tmp_path) as http:
-            ids["ada"] = http.headers["Authorization"].removeprefix("Bearer ")
-            ids["submission"] = expect(await hand_in(http), 202)["id"]
-            if drives:
-                ids["evaluation"] = await driven(http, ids["submission"])
-            else:
-                await checked(http, ids["submission"])
-            rows = service_of(http).submissions.rows
-            assert await rows.set_state(ids["submission"], SubmissionState.CANCELLED, reason="cut off")
-
-    async def after() -> None:
-        async with handing_in(tmp_path, ids["ada"]) as http:
-            shown = expect(await http.get(f"/v1/submissions/{ids['submission']}"), 200)
-            assert (shown["state"], shown["reason"]) == ("cancelled", "cut off")
-            if drives:
-                assert expect(await http.get(f"/v1/evaluations/{ids['evaluation']}"), 200)["state"] == "finished"
-                problem(await hand_in(http), 409, "agent-name-taken")
-            else:
-                assert "agent" not in shown
-                expect(await hand_in(http), 202)
-
-    play(before)
-    play(after)
+    async with handing_in(tmp_path) as http:
+        ids["ada"] = http.headers["Authorization"].removeprefix("Bearer ")
+        ids["submission"] = expect(await hand_in(http), 202)["id"]
+        if drives:
+            ids["evaluation"] = await driven(http, ids["submission"])
+        else:
+            await checked(http, ids["submission"])
+        rows = service_of(http).submissions.rows
+        assert await rows.set_state(ids["submission"], SubmissionState.CANCELLED, reason="cut off")
+    async with handing_in(tmp_path, ids["ada"]) as http:
+        shown = expect(await http.get(f"/v1/submissions/{ids['submission']}"), 200)
+        assert (shown["state"], shown["reason"]) == ("cancelled", "cut off")
+        if drives:
+            assert expect(await http.get(f"/v1/evaluations/{ids['evaluation']}"), 200)["state"] == "finished"
+            problem(await hand_in(http), 409, "agent-name-taken")
+        else:
+            assert "agent" not in shown
+            expect(await hand_in(http), 202)

@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
@@ -49,21 +49,13 @@ def evaluation(name: str, agent_id: str) -> EvaluationRow:
     return row
 
 
-def play(url: str, story: Callable[[Store, SubmissionStore], Awaitable[None]]) -> None:
-    async def run() -> None:
-        async with opened(url) as (store, submissions):
-            await story(store, submissions)
-
-    asyncio.run(run())
-
-
-def test_what_is_over_stays_as_it_is(database_url: str) -> None:
+async def test_what_is_over_stays_as_it_is(database_url: str) -> None:
     told: list[str] = []
 
     async def tell(submission_id: str) -> None:
         told.append(submission_id)
 
-    async def story(_: Store, submissions: SubmissionStore) -> None:
+    async with opened(database_url) as (_, submissions):
         submissions.token_ended = tell
         await submissions.add(submission("x"), None, most=1)
         assert await submissions.set_columns("su_x", token_sha256="t" * 64)
@@ -91,11 +83,9 @@ def test_what_is_over_stays_as_it_is(database_url: str) -> None:
         assert row.ended is not None
         assert told == ["su_x"] * 4
 
-    play(database_url, story)
 
-
-def test_a_name_is_for_one_agent(sqlite_url: str) -> None:
-    async def story(store: Store, submissions: SubmissionStore) -> None:
+async def test_a_name_is_for_one_agent(sqlite_url: str) -> None:
+    async with opened(sqlite_url) as (store, submissions):
         await submissions.add(submission("Swift"), None, most=9)
         for taken in (submission("SWIFT", id="su_2"), submission("swift", "ow_b", id="su_3")):
             with pytest.raises(AgentNameTakenError):
@@ -118,11 +108,9 @@ def test_a_name_is_for_one_agent(sqlite_url: str) -> None:
         assert (row.agent_id, row.track) == (None, "camera")
         await submissions.add(submission("swift", id="su_5"), None, most=9)
 
-    play(sqlite_url, story)
 
-
-def test_somebody_else_took_the_name(sqlite_url: str) -> None:
-    async def story(store: Store, submissions: SubmissionStore) -> None:
+async def test_somebody_else_took_the_name(sqlite_url: str) -> None:
+    async with opened(sqlite_url) as (store, submissions):
         await submissions.add(submission("swift"), None, most=9)
         taken = agent("Swift", "ow_b")
         taken.owner = new_owner("c")
@@ -135,11 +123,9 @@ def test_somebody_else_took_the_name(sqlite_url: str) -> None:
         assert await submissions.remove_agent("su_swift") is None
         assert await store.agent("ag_Swift") is not None
 
-    play(sqlite_url, story)
 
-
-def test_an_agent_with_an_evaluation_stays(sqlite_url: str) -> None:
-    async def story(store: Store, submissions: SubmissionStore) -> None:
+async def test_an_agent_with_an_evaluation_stays(sqlite_url: str) -> None:
+    async with opened(sqlite_url) as (store, submissions):
         await submissions.add(submission("made"), None, most=9)
         await submissions.make_agent("su_made", agent("made"))
         await store.begin_evaluation(evaluation("ev_1", "ag_made"), lambda _: None)
@@ -159,11 +145,9 @@ def test_an_agent_with_an_evaluation_stays(sqlite_url: str) -> None:
         await submissions.set_state("su_made", SubmissionState.CANCELLED)
         assert await submissions.remove_agent("su_made") == "ag_made"
 
-    play(sqlite_url, story)
 
-
-def test_the_log_is_kept_for_a_time(sqlite_url: str) -> None:
-    async def story(_: Store, submissions: SubmissionStore) -> None:
+async def test_the_log_is_kept_for_a_time(sqlite_url: str) -> None:
+    async with opened(sqlite_url) as (_, submissions):
         for name in ("over", "open"):
             await submissions.add(submission(name), None, most=9)
             await asyncio.gather(*(submissions.append_log(f"su_{name}", f"line {n}") for n in range(3)))
@@ -178,5 +162,3 @@ def test_the_log_is_kept_for_a_time(sqlite_url: str) -> None:
         await submissions.purge_logs(over + 1)
         assert await submissions.log("su_over") == []
         assert [line.number for line in await submissions.log("su_open")] == [1, 2, 3]
-
-    play(sqlite_url, story)

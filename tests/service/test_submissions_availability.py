@@ -40,9 +40,9 @@ def on(machine: Machine, **settings: Any) -> Availability:
     return Availability(Settings(submissions=settings.pop("submissions", 1), **settings), machine)
 
 
-def refusal(availability: Availability) -> str:
+async def refusal(availability: Availability) -> str:
     with pytest.raises(UnavailableError) as raised:
-        asyncio.run(availability.check())
+        await availability.check()
     assert raised.value.kind is ProblemType.SUBMISSIONS_UNAVAILABLE
     assert raised.value.status == 503
     return raised.value.detail
@@ -55,75 +55,69 @@ def aged(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LOOK_S", 0.0)
 
 
-def test_sandboxes_are_named_and_the_log_says_so_once() -> None:
+async def test_sandboxes_are_named_and_the_log_says_so_once() -> None:
     machine = Machine("bubblewrap 0.8.0")
     availability = on(machine)
 
-    async def story() -> None:
+    with structlog.testing.capture_logs() as lines:
         assert await availability.look()
         assert await availability.look()
         await availability.check()
-
-    with structlog.testing.capture_logs() as lines:
-        asyncio.run(story())
     assert str(availability) == "on: bubblewrap 0.8.0"
     assert [line["event"] for line in lines] == ["submissions on: bubblewrap 0.8.0"]
 
 
-def test_without_sandboxes_the_refusal_says_what_to_do() -> None:
+async def test_without_sandboxes_the_refusal_says_what_to_do() -> None:
     availability = on(Machine())
     with structlog.testing.capture_logs() as lines:
-        assert MISSING in refusal(availability)
+        assert MISSING in await refusal(availability)
     assert str(availability) == f"off: {MISSING}"
     assert [(line["event"], line["log_level"]) for line in lines] == [(f"submissions off: {MISSING}", "warning")]
 
 
 @pytest.mark.usefixtures("aged")
-def test_a_container_that_comes_up_later_is_found_when_a_submission_arrives() -> None:
+async def test_a_container_that_comes_up_later_is_found_when_a_submission_arrives() -> None:
     machine = Machine()
     availability = on(machine, runner_socket=Path("/run/runner/socket"))
-    assert MISSING in refusal(availability)
+    assert MISSING in await refusal(availability)
     machine.found = "runner container"
-    asyncio.run(availability.check())
+    await availability.check()
     assert availability.on
 
 
-def test_strangers_cannot_make_it_look_all_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_strangers_cannot_make_it_look_all_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_FRESH_S", math.inf)
     machine = Machine()
     availability = on(machine)
     for _ in range(20):
-        refusal(availability)
+        await refusal(availability)
     assert machine.looks == 1
 
 
 @pytest.mark.usefixtures("aged")
-def test_a_container_that_goes_is_noticed_and_bubblewrap_is_not_asked_again() -> None:
+async def test_a_container_that_goes_is_noticed_and_bubblewrap_is_not_asked_again() -> None:
     machine = Machine("runner container")
     remote, local = on(machine, runner_socket=Path("/run/runner/socket")), on(Machine("bubblewrap 0.8.0"))
 
-    async def story() -> None:
-        for availability in (remote, local):
-            await availability.look_if_due()
-            assert availability.on
-        machine.found = None
-        for availability in (remote, local):
-            await availability.look_if_due()
-
-    asyncio.run(story())
+    for availability in (remote, local):
+        await availability.look_if_due()
+        assert availability.on
+    machine.found = None
+    for availability in (remote, local):
+        await availability.look_if_due()
     assert not remote.on
     assert local.on
 
 
-def test_turned_off_nobody_looks() -> None:
+async def test_turned_off_nobody_looks() -> None:
     machine = Machine("bubblewrap 0.8.0")
     availability = on(machine, submissions=0)
-    assert not asyncio.run(availability.look())
-    assert "WRONGTURN_SUBMISSIONS" in refusal(availability)
+    assert not await availability.look()
+    assert "WRONGTURN_SUBMISSIONS" in await refusal(availability)
     assert machine.looks == 0
 
 
-def test_a_look_that_hangs_is_given_up_and_no_other_begins_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_look_that_hangs_is_given_up_and_no_other_begins_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_PATIENCE_S", 0.05)
     begun, answer = threading.Event(), threading.Event()
     looks = []
@@ -136,17 +130,14 @@ def test_a_look_that_hangs_is_given_up_and_no_other_begins_beside_it(monkeypatch
 
     availability = Availability(Settings(submissions=1), hang)
 
-    async def story() -> None:
-        assert not await availability.look()
-        assert "did not answer" in str(availability)
-        assert not await availability.look()
-        assert await asyncio.to_thread(begun.wait, 60)
-        assert len(looks) == 1
-        answer.set()
-        while not await availability.look():  # noqa: ASYNC110 - its thread has to end first
-            await asyncio.sleep(0.01)
-
-    asyncio.run(story())
+    assert not await availability.look()
+    assert "did not answer" in str(availability)
+    assert not await availability.look()
+    assert await asyncio.to_thread(begun.wait, 60)
+    assert len(looks) == 1
+    answer.set()
+    while not await availability.look():  # noqa: ASYNC110 - its thread has to end first
+        await asyncio.sleep(0.01)
     assert str(availability) == "on: bubblewrap 0.8.0"
 
 
