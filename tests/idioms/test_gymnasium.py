@@ -23,16 +23,6 @@ def test_the_loop_of_basic_usage() -> None:
     assert info["verdict"]
 
 
-def test_a_seed_makes_an_episode_again() -> None:
-    env = gym.make(SIM)
-    one, told = env.reset(seed=42)
-    env.action_space.seed(42)
-    env.step(env.action_space.sample())
-    other, again = env.reset(seed=42)
-    assert told == again
-    assert all((one[key] == other[key]).all() for key in one)
-
-
 def test_import_the_package_and_make_by_the_short_id() -> None:
     import wrongturn_sim
 

@@ -18,16 +18,6 @@ def test_make_vec(mode: str) -> None:
     envs.close()
 
 
-def test_make_vec_as_one_batch() -> None:
-    envs = gym.make_vec(SIM, num_envs=16)
-    observations, infos = envs.reset(seed=42)
-    for _ in range(3):
-        observations, *_ = envs.step(envs.action_space.sample())
-    assert observations in envs.observation_space
-    assert len(set(infos["trial"])) > 1
-    envs.close()
-
-
 def test_make_vec_with_wrappers() -> None:
     envs = gym.make_vec(
         SIM, num_envs=2, vectorization_mode="sync", wrappers=(gym.wrappers.FlattenObservation, gym.wrappers.ClipAction)

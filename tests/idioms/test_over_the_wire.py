@@ -2,24 +2,9 @@
 
 import gymnasium as gym
 import pytest
-from ids import WIRE, WIRE_FLAT
+from ids import WIRE_FLAT
 
 pytestmark = pytest.mark.usefixtures("over_the_wire")
-
-
-def test_the_loop_of_basic_usage_over_the_wire() -> None:
-    env = gym.make(WIRE, max_episode_steps=5)
-    observation, info = env.reset(seed=42)
-
-    episode_over = False
-    while not episode_over:
-        action = env.action_space.sample()
-        observation, reward, terminated, truncated, info = env.step(action)
-
-        episode_over = terminated or truncated
-
-    env.close()
-    assert observation in env.observation_space
 
 
 def test_stable_baselines_over_the_wire() -> None:

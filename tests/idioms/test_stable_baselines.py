@@ -52,11 +52,6 @@ def test_ppo_on_observations_of_several_keys() -> None:
     assert info[0].keys() >= {"TimeLimit.truncated"}
 
 
-def test_an_id_is_enough() -> None:
-    model = A2C("MlpPolicy", FLAT, **small()).learn(total_timesteps=10)
-    assert model.num_timesteps == 10
-
-
 def test_dqn_trained_saved_loaded_and_evaluated() -> None:
     env = gym.make(DISCRETE, render_mode="rgb_array", max_episode_steps=10)
     model = DQN("MlpPolicy", env, learning_starts=10, buffer_size=100, **small())

@@ -6,7 +6,6 @@ from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
-from test_storage import episode_row
 
 from wrongturn_protocol import SubmissionState
 from wrongturn_service.registration import new_owner
@@ -14,7 +13,7 @@ from wrongturn_service.storage.accounts import AgentNameTakenError
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.models import AgentRow, EvaluationRow, SubmissionRow
 from wrongturn_service.storage.store import Store
-from wrongturn_service.storage.submissions import SubmissionOverError, SubmissionStore, SuiteBegunError
+from wrongturn_service.storage.submissions import SubmissionStore
 
 
 @contextlib.asynccontextmanager
@@ -84,31 +83,6 @@ async def test_what_is_over_stays_as_it_is(database_url: str) -> None:
         assert told == ["su_x"] * 4
 
 
-async def test_a_name_is_for_one_agent(sqlite_url: str) -> None:
-    async with opened(sqlite_url) as (store, submissions):
-        await submissions.add(submission("Swift"), None, most=9)
-        for taken in (submission("SWIFT", id="su_2"), submission("swift", "ow_b", id="su_3")):
-            with pytest.raises(AgentNameTakenError):
-                await submissions.add(taken, None, most=9)
-        await submissions.make_agent("su_Swift", agent("Swift"))
-        with pytest.raises(SubmissionOverError):
-            await submissions.make_agent("su_Swift", agent("Swift2"))
-        await submissions.set_state("su_Swift", SubmissionState.FAILED, reason="bad")
-        with pytest.raises(AgentNameTakenError):
-            await submissions.add(submission("swift", id="su_4"), None, most=9)
-        practice = episode_row("practice", "t", evaluation=None)
-        practice.agent_id = "ag_Swift"
-        await store.add_episode(practice, None)
-        assert await submissions.remove_agent("su_Swift") == "ag_Swift"
-        assert await submissions.remove_agent("su_Swift") is None
-        assert await store.agent("ag_Swift") is None
-        assert await store.episode("practice") is None
-        row = await submissions.get("su_Swift")
-        assert row is not None
-        assert (row.agent_id, row.track) == (None, "camera")
-        await submissions.add(submission("swift", id="su_5"), None, most=9)
-
-
 async def test_somebody_else_took_the_name(sqlite_url: str) -> None:
     async with opened(sqlite_url) as (store, submissions):
         await submissions.add(submission("swift"), None, most=9)
@@ -122,28 +96,6 @@ async def test_somebody_else_took_the_name(sqlite_url: str) -> None:
         assert row.agent_id is None
         assert await submissions.remove_agent("su_swift") is None
         assert await store.agent("ag_Swift") is not None
-
-
-async def test_an_agent_with_an_evaluation_stays(sqlite_url: str) -> None:
-    async with opened(sqlite_url) as (store, submissions):
-        await submissions.add(submission("made"), None, most=9)
-        await submissions.make_agent("su_made", agent("made"))
-        await store.begin_evaluation(evaluation("ev_1", "ag_made"), lambda _: None)
-        await submissions.set_state("su_made", SubmissionState.RUNNING, evaluation_id="ev_1")
-        assert await submissions.remove_agent("su_made") is None
-        by_agent = submission("again", agent_id="ag_made", agent_made=False)
-        with pytest.raises(SuiteBegunError):
-            await submissions.add(by_agent, None, most=9)
-        # An evaluation without a step disappears, and the submission forgets it.
-        assert await store.delete_undriven("ev_1")
-        row = await submissions.get("su_made")
-        assert row is not None
-        assert row.evaluation_id is None
-        by_agent = submission("again", agent_id="ag_made", agent_made=False)
-        with pytest.raises(SuiteBegunError):
-            await submissions.add(by_agent, None, most=9)
-        await submissions.set_state("su_made", SubmissionState.CANCELLED)
-        assert await submissions.remove_agent("su_made") == "ag_made"
 
 
 async def test_the_log_is_kept_for_a_time(sqlite_url: str) -> None:

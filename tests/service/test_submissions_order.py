@@ -30,21 +30,6 @@ turns = st.permutations(OWNERS).flatmap(
 )
 
 
-def test_nobody_is_next_where_none_waits() -> None:
-    assert next_one([], {"ann": 1}, {}) is None
-
-
-def test_of_one_owner_the_first_that_arrived_is_next() -> None:
-    line = [waiting("b", "ann", 2), waiting("a", "ann", 1), waiting("c", "ann", 3)]
-    assert [one.id for one in in_turn(line, [], {}, 1)] == ["a", "b", "c"]
-
-
-def test_an_owner_with_ten_does_not_keep_another_waiting() -> None:
-    line = [waiting(f"a{seq}", "ann", seq) for seq in range(10)] + [waiting("b", "ben", 10)]
-    assert next_one(line, {"ann": 1}, {"ann": 1}) == line[-1]
-    assert in_turn(line, ["ann"], {"ann": 1}, 1)[0].id == "b"
-
-
 def test_among_owners_with_as_many_running_the_one_served_longest_ago_is_next() -> None:
     line = [waiting("a", "ann", 1), waiting("b", "ben", 2), waiting("c", "cid", 3)]
     assert next_one(line, {}, {"ann": 9, "ben": 7, "cid": 8}) == line[1]
