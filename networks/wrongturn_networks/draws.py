@@ -67,22 +67,14 @@ class Draw:
         return MappingProxyType({trial.id: trial for trial in self.episodes})
 
     def trial(self, trial_id: str) -> Trial:
-        """Return the trial or twin with an id.
-
-        Raises:
-            UnknownTrialError: there is no such trial.
-        """
+        """Return the trial or twin with an id. Raises UnknownTrialError if there is none."""
         if trial_id not in self._by_id:
             raise UnknownTrialError(trial_id, self._by_id)
         return self._by_id[trial_id]
 
 
 def commitment_of(secret: str) -> str:
-    """Return the SHA-256 of a secret's text, hexadecimal. ``printf %s SECRET | sha256sum`` gives the same.
-
-    Raises:
-        SecretError: the secret is empty, or is not text in UTF-8.
-    """
+    """Return the SHA-256 of a secret's text, as ``printf %s SECRET | sha256sum`` gives it. Raises SecretError."""
     return hashlib.sha256(_bytes_of(secret)).hexdigest()
 
 

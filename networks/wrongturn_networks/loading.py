@@ -40,11 +40,7 @@ def load_town(name: str) -> Town:
 
 
 def read_town(directory: Path) -> Town:
-    """Return the town in a folder; the folder's name is the town's.
-
-    Raises:
-        CorruptFileError: a file is missing or does not match the manifest.
-    """
+    """Return the town in a folder of its name. Raises CorruptFileError if a file is missing or not the manifest's."""
     name = directory.name
     try:
         manifest = json.loads((directory / "manifest.json").read_text("utf-8"))

@@ -19,11 +19,7 @@ WINDOW: Final = (10.0, 20.0)
 
 
 def draw_start(lane_length: float, seed: int) -> Start:
-    """Draw a trial's start on an approach's lane (metres) from the trial's seed.
-
-    Raises:
-        ApproachTooShortError: the lane has no room for a start.
-    """
+    """Draw a start on an approach's lane (metres) from a seed. Raises ApproachTooShortError if the lane has no room."""
     check_room(lane_length)
     draw = random.Random(seed)
     distance = min(draw.uniform(22, 30), lane_length - LANE_RESERVE)

@@ -64,11 +64,7 @@ class Suite:
         return self.open_draw.episodes
 
     def trial(self, trial_id: str) -> Trial:
-        """Return the trial or twin of the open draw with an id.
-
-        Raises:
-            UnknownTrialError: there is no such trial.
-        """
+        """Return the trial or twin of the open draw with an id. Raises UnknownTrialError if there is none."""
         return self.open_draw.trial(trial_id)
 
     def summary(self) -> SuiteSummary:
@@ -119,11 +115,7 @@ def load_suite(suite_id: str) -> Suite:
 
 
 def read_suite(path: Path) -> Suite:
-    """Return the suite in a file.
-
-    Raises:
-        CorruptFileError: the file was changed, or is not a suite.
-    """
+    """Return the suite in a file. Raises CorruptFileError if the file was changed, or is not a suite."""
     try:
         content = json.loads(path.read_text("utf-8"))
         sha256 = content.pop("sha256")

@@ -39,11 +39,7 @@ class Town:
     """Least x, least y, greatest x, greatest y of road and sidewalks."""
 
     def approach(self, approach_id: str) -> Approach:
-        """Return an approach by its id.
-
-        Raises:
-            UnknownApproachError: there is no such approach; the message lists the known ones.
-        """
+        """Return an approach by its id. Raises UnknownApproachError, which lists the known ones."""
         if approach_id not in self.approaches:
             raise UnknownApproachError(approach_id, self.approaches)
         return self.approaches[approach_id]

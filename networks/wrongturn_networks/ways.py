@@ -28,10 +28,7 @@ def ways_to(town: Town, lane_id: str) -> Mapping[str, Way]:
     """Return the shortest ways to a lane, by the id of the lane that they start from.
 
     From the lane itself it is the shortest way round to its start, which a car needs that went past its goal. Cars turn
-    round only by driving along streets. Lanes from which no way leads there are left out.
-
-    Raises:
-        UnknownLaneError: the town has no such lane.
+    round only by driving along streets. Lanes from which no way leads there are left out. Raises UnknownLaneError.
     """
     if lane_id not in town.lanes:
         raise UnknownLaneError(lane_id, town.lanes)
@@ -67,10 +64,7 @@ def ways_to(town: Town, lane_id: str) -> Mapping[str, Way]:
 def exits_towards(town: Town, lane_id: str) -> Mapping[str, Command | None]:
     """Return, for each lane of the town, the exit at its end that lies on the shortest way to a lane.
 
-    It is None where no way leads there, or no junction lies at the lane's end.
-
-    Raises:
-        UnknownLaneError: the town has no such lane.
+    It is None where no way leads there, or no junction lies at the lane's end. Raises UnknownLaneError.
     """
     ways = ways_to(town, lane_id)
     return MappingProxyType({lane: ways[lane].commands[0] if lane in ways else None for lane in town.lanes})

@@ -71,11 +71,7 @@ class JudgeGeometry:
 
     @classmethod
     def of(cls, town: Town, trial: Trial) -> JudgeGeometry:
-        """Return the geometry of a trial's approach; it is made once for each approach.
-
-        Raises:
-            UnknownApproachError: the town has no such approach.
-        """
+        """Return the geometry of a trial's approach, made once for each. Raises UnknownApproachError."""
         return _geometry_of(town, trial.approach)
 
     @functools.cached_property

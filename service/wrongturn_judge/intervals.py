@@ -54,10 +54,8 @@ def stratified_exact(strata: Sequence[tuple[int, int, int, int]]) -> float:
     Given each stratum's total, the first count is hypergeometric if the rates are equal. The distribution of the sum
     over strata is the convolution. The p-value adds the probabilities of all sums that are no likelier than the one
     seen. For one stratum this is Fisher's exact test; for several, the exact form of Mantel and Haenszel's. A stratum
-    has first count, first trials, second count, second trials.
-
-    Raises:
-        ValueError: A count is not in 0 to its trials.
+    has first count, first trials, second count, second trials. Raises ValueError for a count that is not in 0 to its
+    trials.
     """
     import numpy as np  # noqa: PLC0415
     from scipy.stats import hypergeom  # noqa: PLC0415

@@ -121,10 +121,8 @@ class Judge(EpisodeJudge):
 class JourneyJudge(EpisodeJudge):
     """Judges one journey, row by row, as :class:`Judge` judges one junction.
 
-    ``strict`` is for training: leaving the road or the lane, and standing, end the drive.
-
-    Raises:
-        GeometryMismatchError: the trial is not a journey, or its goal is not in the town.
+    ``strict`` is for training: leaving the road or the lane, and standing, end the drive. Raises GeometryMismatchError
+    if the trial is not a journey, or its goal is not in the town.
     """
 
     def __init__(
@@ -173,11 +171,7 @@ def judge_of(
     *,
     strict: bool = False,
 ) -> Judge | JourneyJudge:
-    """Return the judge for a geometry.
-
-    Raises:
-        GeometryMismatchError: the geometry does not belong to the trial.
-    """
+    """Return the judge for a geometry. Raises GeometryMismatchError if it does not belong to the trial."""
     if isinstance(geometry, JourneyGeometry):
         return JourneyJudge(geometry, trial, thresholds, strict=strict)
     return Judge(geometry, trial, thresholds)

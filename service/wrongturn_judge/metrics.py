@@ -64,11 +64,7 @@ def is_unsafe_strict(outcome: Outcome) -> bool:
 
 
 def of_journeys(suite: SuiteLike) -> bool:
-    """Return whether a suite consists of journeys, which have no twins.
-
-    Raises:
-        ValueError: Some of its trials are journeys and others are not.
-    """
+    """Return whether a suite consists of journeys, which have no twins. Raises ValueError for a mixed one."""
     journeys = sum(trial.journey is not None for trial in suite.trials)
     if journeys and journeys < len(suite.trials):
         raise ValueError(f"suite: {suite.id} has journeys among other trials; make two suites of it")

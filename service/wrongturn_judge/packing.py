@@ -256,10 +256,7 @@ def pack(
 
     ``areas`` are the junctions', the trial's own first. ``lanes`` are polygons and centre lines (n, 2) of those around
     the junction, at most 14. ``exits`` are centre line and width of the exit lanes LEFT, RIGHT, STRAIGHT; None for one
-    that does not exist.
-
-    Raises:
-        ValueError: a line has no length, or there are too many lanes.
+    that does not exist. Raises ValueError if a line has no length, or there are too many lanes.
     """
     packer = Packer(surface, boxes)
     area_edges = [edges_of(area) for area in areas]

@@ -12,9 +12,7 @@ class Thresholds:
     """Thresholds of the verdict. ``docs/verdicts.md`` has the same table, and a test compares the two.
 
     To try other values, use :func:`dataclasses.replace`; published verdicts never use them. Journeys use only some.
-
-    Raises:
-        ValueError: a number is not finite or not positive, or an angle or count is out of range.
+    Raises ValueError if a number is not finite or not positive, or an angle or count is out of range.
     """
 
     version: ClassVar[int] = 2

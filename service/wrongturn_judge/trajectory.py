@@ -99,11 +99,7 @@ class Trajectory:
 
     @classmethod
     def from_json(cls, data: bytes | str) -> Self:
-        """Return the trajectory that :meth:`to_json` wrote.
-
-        Raises:
-            TrajectoryError: the data is not a trajectory; the message names the field.
-        """
+        """Return the trajectory that :meth:`to_json` wrote. Raises TrajectoryError, which names the field."""
         try:
             message = json.loads(data)
         except (ValueError, RecursionError) as error:
@@ -163,11 +159,7 @@ class Trajectory:
         return not self.road_user_numbers and any(row.road_users for row in self.rows)
 
     def check_rows(self) -> None:
-        """Check that there are rows, and that they hold numbers: pictures need it.
-
-        Raises:
-            TrajectoryError: There is none, or a value of one is not a finite number.
-        """
+        """Raise TrajectoryError if there are no rows, or a value is not a finite number: pictures need them."""
         if not self.rows:
             raise TrajectoryError("trajectory: has no rows; give one of an episode that began")
         for name in Row._fields:

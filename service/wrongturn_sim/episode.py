@@ -319,12 +319,7 @@ class Episode:
         return Views(self.town, self.trial, rows, size or VIEW_SIZE, still=False).draw(view, now)
 
     def plot(self) -> "Figure":
-        """Return the drive so far as a matplotlib figure: the way from above, and speed and commands over time.
-
-        Raises:
-            EpisodeNotStartedError: call ``reset`` first.
-            DependencyMissingError: matplotlib is missing.
-        """
+        """Return the drive so far as :meth:`Replay.plot`; raises as that, and EpisodeNotStartedError before a reset."""
         from wrongturn_sim.view.plot import plot_episode  # noqa: PLC0415 - as above
 
         self._begun("plot")

@@ -65,11 +65,7 @@ class WrongturnSimEnv(TrialEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin a trial: ``options["trial"]`` (a Trial, or an id of the suite), else a drawn one.
-
-        Raises:
-            SimError: as :class:`~wrongturn_sim.episode.Episode`.
-        """
+        """Begin a trial: ``options["trial"]`` (a Trial, or an id of the suite), else a drawn one. Raises SimError."""
         super().reset(seed=seed)
         given = check_options(options, ("trial",)).get("trial")
         trial = self._source.draw(self.np_random) if given is None else self._source.find(given)

@@ -99,10 +99,8 @@ class Replay:
     def picture(self, size: int = PICTURE_SIZE) -> "Image":
         """Return the whole episode from above, RGB uint8 (size, size, 3).
 
-        It shows the car's way and footprints, coloured by speed, the commands where they began, and the verdict.
-
-        Raises:
-            ViewError: The size is too small or too large.
+        It shows the car's way and footprints, coloured by speed, the commands where they began, and the verdict. Raises
+        ViewError if the size is too small or too large.
         """
         from wrongturn_sim.view.views import draw_picture  # noqa: PLC0415 - as below
 

@@ -70,10 +70,8 @@ def guidance_of(roads: Roads, command: int, leg: int, travelled: float, lateral:
 def way_to(town: Town, goal: str | None) -> NDArray[np.int8]:
     """Return the exit of each leg on the shortest way to a lane, (legs,); without a goal, all exits are drawn.
 
-    An exit is also drawn where no way leads to the goal, so that a car that got there still has a route.
-
-    Raises:
-        UnknownLaneError: the town has no such lane.
+    An exit is also drawn where no way leads to the goal, so that a car that got there still has a route. Raises
+    UnknownLaneError.
     """
     roads = roads_of(town)
     way = np.full(len(roads.lanes), guide.DRAWN, np.int8)

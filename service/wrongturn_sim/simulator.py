@@ -106,11 +106,7 @@ class _Process:
 
 
 def load_libsumo() -> ModuleType:
-    """Import and return libsumo.
-
-    Raises:
-        SimulatorUnavailableError: libsumo or a library that it needs is missing.
-    """
+    """Import and return libsumo. Raises SimulatorUnavailableError if it or a library that it needs is missing."""
     if _Process.sumo is None:
         try:
             import libsumo  # noqa: PLC0415 - only traffic needs it

@@ -28,11 +28,7 @@ def a_flag(name: str, value: bool) -> bool:
 
 
 def picture_size(camera: "Camera | None") -> tuple[int, int]:
-    """Return the rows and columns of a camera's pictures, by default those of the benchmark's.
-
-    Raises:
-        OptionError: It is no camera.
-    """
+    """Return rows and columns of a camera's pictures, by default the benchmark's. Raises OptionError."""
     if camera is None:
         return IMAGE_SHAPE
     from wrongturn_sim.camera import Camera  # noqa: PLC0415 - slow, and most environments need none of their own
@@ -48,10 +44,8 @@ class TrialSource:
     def __init__(self, options: TrialOptions) -> None:
         """Load the town or suite, and find the approaches where the fault can be applied.
 
-        Trials are drawn in ``Town01`` if the options name neither a town nor a suite nor a trial.
-
-        Raises:
-            OptionError: A town, suite or trial does not exist, or there is none to draw from.
+        Trials are drawn in ``Town01`` if the options name neither a town nor a suite nor a trial. Raises OptionError if
+        a town, suite or trial does not exist, or there is none to draw from.
         """
         if options.suite is None and options.town is None and options.trial is None:
             options = replace(options, town=DEFAULT_TOWN)

@@ -24,11 +24,7 @@ OPTIONS: Final = (
 
 
 def netconvert() -> Path:
-    """Return the path of SUMO's netconvert.
-
-    Raises:
-        RuntimeError: SUMO is not installed; the message names the remedy.
-    """
+    """Return the path of SUMO's netconvert. Raises RuntimeError if SUMO is not installed."""
     try:
         import sumo  # noqa: PLC0415 - only building towns needs it
     except ImportError as error:

@@ -85,11 +85,7 @@ class DeviceImages:
 
 
 def require_gpu() -> None:
-    """Check that there is a GPU.
-
-    Raises:
-        CameraError: there is no GPU that numba can use; the message names the remedy.
-    """
+    """Raise CameraError, which names the remedy, if there is no GPU that numba can use."""
     if not device.is_available():
         raise CameraError(
             "backend: 'cuda' finds no GPU; it needs an NVIDIA GPU, its driver and `pip install numba-cuda[cu13]` (or "
@@ -104,10 +100,8 @@ class CudaRenderer:
     GPU rounds differently: on an H200, at most 4 pixels in a million have another class and 55 in a million a colour
     that differs by more than 1. The constructor allocates all memory, but for that of road users, which grows.
 
-    ``number`` is the most pictures that one call makes.
-
-    Raises:
-        CameraError: there is no GPU, or the number is not a whole number above 0.
+    ``number`` is the most pictures that one call makes. Raises CameraError if that is not a whole number above 0, or
+    there is no GPU.
     """
 
     def __init__(self, world: World, camera: Camera, number: int) -> None:
@@ -164,10 +158,8 @@ class CudaRenderer:
         The call returns before the GPU has finished. Code that reads the pictures waits for them. The arguments are
         those of :func:`~wrongturn_sim.camera.render_batch`, but for two. ``kinds`` (N,) is the row of ``looks`` for
         each car, by default row i for car i; the table of looks is sent to the GPU only if it is another object than at
-        the last call. ``targets`` (N,) are the places of the pictures, all different; the first N by default.
-
-        Raises:
-            CameraError: an array has another shape, or a number is not finite or out of its range.
+        the last call. ``targets`` (N,) are the places of the pictures, all different; the first N by default. Raises
+        CameraError if an array has another shape, or a number is not finite or out of its range.
         """
         count = len(poses)
         if not 1 <= count <= self._number:

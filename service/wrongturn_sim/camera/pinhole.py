@@ -24,10 +24,7 @@ class Camera:
 
     The pixel in column u and row v looks along the ray through its middle: for each metre ahead, this goes
     ``(u - cx) / focal`` metres to the right and ``(v - cy) / focal`` metres down. Columns count from the left and rows
-    from the top, both from 0. There is no roll and no distortion.
-
-    Raises:
-        CameraError: a parameter is not finite or out of its range; the message names it and the range.
+    from the top, both from 0. There is no roll and no distortion. Raises CameraError, which names the parameter.
     """
 
     width: int = 192
@@ -76,10 +73,8 @@ class Camera:
     def of_fov(cls, fov_degrees: float, width: int = 192, height: int = 64, **mounting: Any) -> Self:
         """Return a camera with a horizontal field of view of 1 to 170 degrees, whose axis goes through the middle.
 
-        ``mounting`` are ``forward``, ``left``, ``up``, ``pitch`` and ``yaw``, as the fields of these names.
-
-        Raises:
-            CameraError: a parameter is out of its range.
+        ``mounting`` are ``forward``, ``left``, ``up``, ``pitch`` and ``yaw``, as the fields of these names. Raises
+        CameraError for a parameter that is out of its range.
         """
         right = isinstance(fov_degrees, int | float | np.floating) and not isinstance(fov_degrees, bool)
         if not right or not 1.0 <= fov_degrees <= 170.0:

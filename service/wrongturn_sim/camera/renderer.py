@@ -127,10 +127,8 @@ def render_batch(
     :func:`look_of`, ``seeds`` (N,) those of the rain, ``poses`` (N, 3) x, y, yaw, ``ticks`` (N,) numbers of the
     decisions. ``rgb`` (N, height, width, 3) and ``segmentation`` (N, height, width), uint8, are written to. ``others``
     (M, 8) are other road users as for :meth:`Renderer.render`, those of the first car first, and ``begins`` (N + 1,)
-    says where those of each car begin; None: nobody.
-
-    Raises:
-        CameraError: an array has another shape or type, or a number is not finite.
+    says where those of each car begin; None: nobody. Raises CameraError if an array has another shape or type, or a
+    number is not finite.
     """
     number = len(poses)
     poses = np.array(poses, np.float64, order="C")

@@ -136,11 +136,7 @@ def _packed(weather: Weather) -> NDArray[np.float64]:
 
 
 def look_of(weather: Weather | str) -> NDArray[np.float64]:
-    """Return a weather as the renderer takes it: (SIZE,), read-only.
-
-    Raises:
-        UnknownWeatherError: no weather has this name; the message lists the known ones.
-    """
+    """Return a weather as the renderer takes it: (SIZE,), read-only. Raises UnknownWeatherError, which lists all."""
     try:
         return _packed(Weather(weather))
     except ValueError:

@@ -21,10 +21,7 @@ class FleetCamera:
 
     The benchmark's camera is the default, the track ``camera`` or ``segmentation``. The bytes do not depend on the
     number of threads. With the backend ``cuda`` the pictures are rendered on a GPU and stay there, as
-    :class:`~wrongturn_sim.camera.cuda.DeviceImages`.
-
-    Raises:
-        CameraError: there is no GPU.
+    :class:`~wrongturn_sim.camera.cuda.DeviceImages`. Raises CameraError if there is no GPU.
     """
 
     def __init__(self, fleet: Fleet, camera: Camera | None, track: Track, threads: int, backend: str = "cpu") -> None:

@@ -287,11 +287,7 @@ class Fleet:
         return Record(Trajectory(trial, self.town.sha256, rows), self.outcome(i), sha256)
 
     def view(self, i: int) -> NDArray[np.uint8]:
-        """Return a picture of an ego's moment for people, as :meth:`wrongturn_sim.episode.Episode.view`.
-
-        Raises:
-            ValueError: as :meth:`record`.
-        """
+        """Return a picture of an ego's moment for people, as ``Episode.view``. Raises ValueError as :meth:`record`."""
         record = self.record(i)
         decision = -(-int(self._egos.sub_steps[i]) // SUB_STEPS)
         command, route_command = self._egos.commands[i, decision].tolist()

@@ -60,11 +60,7 @@ class FleetTraffic:
 
 
 def check_density(town: Town, trial: Trial) -> None:
-    """Check that a town has room for a trial's road users.
-
-    Raises:
-        TrafficTooDenseError: it has not; the message names the field.
-    """
+    """Raise TrafficTooDenseError, which names the field, if a town has no room for a trial's road users."""
     streets = streets_of(town)
     asked = (
         ("vehicles", trial.traffic.vehicles, streets.slots),

@@ -175,10 +175,8 @@ class WrongturnVectorEnv(TrialVectorEnv):
     def episode(self, index: int) -> Record:
         """Return the trajectory of an environment's episode so far, and its outcome if it has ended.
 
-        The record lasts until the environment's next episode begins; with ``SameStep`` that is at once.
-
-        Raises:
-            OptionError: no episode has begun, or ``record`` is False.
+        The record lasts until the environment's next episode begins; with ``SameStep`` that is at once. Raises
+        OptionError if no episode has begun, or ``record`` is False.
         """
         return self._fleet.record(index)
 

@@ -36,11 +36,7 @@ _SMALL: Final = {".mp4": {"crf": "30"}, ".webp": {"quality": "40"}}
 
 
 def check_film(file: Path) -> None:
-    """Check a film's name, before any picture is drawn.
-
-    Raises:
-        FilmError: The name does not end in ``.mp4`` or ``.webp``.
-    """
+    """Raise FilmError if a film's name does not end in ``.mp4`` or ``.webp``, before any picture is drawn."""
     if file.suffix not in _FORMATS:
         raise FilmError(f"video: {file.name!r} is not a film; give a name that ends in .mp4 or .webp")
 
@@ -49,10 +45,8 @@ def write_film(file: Path, frames: Iterable[Image], *, rate: int = FRAMES_A_SECO
     """Write a film with ``rate`` frames a second and return their number. The last picture stays for a while.
 
     The frames are pictures of one size with even sides, RGB uint8 (height, width, 3), one at least. A ``small`` film
-    has coarser ones. The same pictures give the same bytes with the same version of PyAV.
-
-    Raises:
-        FilmError: The file's name ends otherwise, or it cannot be written.
+    has coarser ones. The same pictures give the same bytes with the same version of PyAV. Raises FilmError if the
+    file's name ends otherwise, or it cannot be written.
     """
     check_film(file)
     part = file.with_name(f".part-{file.name}")

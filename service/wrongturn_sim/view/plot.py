@@ -20,11 +20,7 @@ _MARKERS: Final = {Safety.UNSAFE: "X", Safety.SAFE: "o", Safety.NEITHER: "s"}
 
 
 def plot_episode(town: Town, trajectory: Trajectory, outcome: Outcome | None) -> "Figure":
-    """Return a figure: the way from above, coloured by speed, beside speed and commands over time.
-
-    Raises:
-        DependencyMissingError: matplotlib is missing.
-    """
+    """Return the figure of :meth:`~wrongturn_sim.Replay.plot`. Raises DependencyMissingError without matplotlib."""
     try:
         from matplotlib import pyplot  # noqa: PLC0415 - an extra
         from matplotlib.collections import LineCollection  # noqa: PLC0415

@@ -30,11 +30,7 @@ _CAMERA: Final = 0.6
 
 
 def checked_size(size: int) -> int:
-    """Return the side of a picture in pixels, a multiple of 20, so that the sides of all views are even.
-
-    Raises:
-        ViewError: It is too small or too large.
-    """
+    """Return a picture's side in pixels, a multiple of 20, so that all sides are even. Raises ViewError."""
     if not LEAST_SIZE <= size <= MOST_SIZE:
         raise ViewError(f"size: is {size}; give pixels, {LEAST_SIZE} to {MOST_SIZE}")
     return size // 20 * 20
@@ -67,10 +63,7 @@ class Views:
 
     The rows of the trajectory may grow; ``first`` is the number of the first one whose place is shown. ``size`` is the
     side of the view from above, pixels. A ``still`` window shows the whole way, unless that is long; else it follows
-    the car.
-
-    Raises:
-        ViewError: The size is too small or too large.
+    the car. Raises ViewError if the size is too small or too large.
     """
 
     def __init__(self, town: Town, trial: Trial, rows: list[Row], size: int, *, still: bool, first: int = 0) -> None:
@@ -178,10 +171,7 @@ def draw_picture(town: Town, trajectory: Trajectory, outcome: Outcome | None, si
     """Return a whole episode from above, RGB uint8 (size, size, 3).
 
     It shows the car's way and footprints, coloured by speed, the commands where they began, the other road users at the
-    end, and the verdict.
-
-    Raises:
-        ViewError: The size is too small or too large.
+    end, and the verdict. Raises ViewError if the size is too small or too large.
     """
     rows = trajectory.rows
     window = scene.whole_window(town, rows, trajectory.trial.approach, checked_size(size))
