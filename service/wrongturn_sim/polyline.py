@@ -1,7 +1,7 @@
 """Polylines: the nearest place to a point, and points at equal distances."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +11,10 @@ from wrongturn_judge.compiling import compiled
 Points = NDArray[np.float64]
 
 
-@compiled()
 def measure(points: Points) -> Points:
-    """Return the distance along the line from its first point to each point, (N,), metres."""
-    along = np.zeros(points.shape[0])
-    for i in range(1, points.shape[0]):
-        dx = points[i, 0] - points[i - 1, 0]
-        dy = points[i, 1] - points[i - 1, 1]
-        along[i] = along[i - 1] + math.sqrt(dx * dx + dy * dy)
-    return along
+    """Return the distance along the line from its first point to each of its points (N, 2), as (N,), metres."""
+    steps = np.diff(points, axis=0)
+    return np.concatenate(([0.0], np.cumsum(np.sqrt(steps[:, 0] ** 2 + steps[:, 1] ** 2))))
 
 
 @compiled()
@@ -88,37 +83,10 @@ def fill(points: Points, along: Points, first: int, end: int, begin: float, out:
             out[row, 1] = points[i, 1] + share * (points[i + 1, 1] - points[i, 1])
 
 
-class Projection(NamedTuple):
-    """Where a point lies beside a polyline."""
-
-    s: float
-    """Metres along the line."""
-    lateral: float
-    """Distance from the line, metres, positive to the left."""
-    heading: float
-    """Heading of the line there, radians."""
-
-
 class Polyline:
     """A line of points, with the distance of each along it."""
-
-    __slots__ = ("along", "length", "points")
 
     def __init__(self, points: Any) -> None:
         self.points: Points = np.ascontiguousarray(points, np.float64)
         self.along: Points = measure(self.points)
         self.length = float(self.along[-1])
-
-    def project(self, x: float, y: float) -> Projection:
-        """Return the place that is nearest to a point."""
-        return Projection(*project(self.points, self.along, 0, len(self.points), x, y))
-
-    def then(self, other: "Polyline") -> "Polyline":
-        """Return this line with another one appended."""
-        return Polyline(np.concatenate([self.points, other.points]))
-
-    def sample(self, begin: float, count: int) -> NDArray[np.float32]:
-        """Return points 1 m apart, starting at ``begin`` metres, (count, 2); past the end the last one is repeated."""
-        out = np.empty((count, 2), np.float32)
-        fill(self.points, self.along, 0, len(self.points), begin, out)
-        return out

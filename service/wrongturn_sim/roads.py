@@ -15,7 +15,7 @@ from wrongturn_networks import Approach, Town
 from wrongturn_protocol import DIRECTIONS, Command
 from wrongturn_protocol.observations import PATH_POINTS
 from wrongturn_sim.guide import GATE, LEG
-from wrongturn_sim.polyline import Points, Polyline
+from wrongturn_sim.polyline import Points, Polyline, fill
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ def roads_of(town: Town) -> Roads:
         for k, exit_ in enumerate(approach.exits.values()):
             gate = gates[row, k].view(GATE)[0]
             onward = rows[exit_.lane]
-            path = Polyline(exit_.path).then(lanes[onward])
+            path = Polyline(np.concatenate([exit_.path, lanes[onward].points]))
             gate.direction, gate.leg = int(exit_.direction), onward
             gate.first, gate.end = put(path)
             (x, y), (x2, y2) = lanes[onward].points[:2].tolist()
@@ -98,7 +98,7 @@ def roads_of(town: Town) -> Roads:
             gate.half_width = town.lanes[exit_.lane].width / 2
             gate.inner = path.length - lanes[onward].length
             direction = DIRECTIONS.index(exit_.direction)
-            exits[row, direction] = path.sample(0.0, PATH_POINTS)
+            fill(path.points, path.along, 0, len(path.points), 0.0, exits[row, direction])
             mask[row, direction] = 1
     points = np.concatenate([line.points for line in lines])
     along = np.concatenate([line.along for line in lines])

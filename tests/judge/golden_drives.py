@@ -10,12 +10,13 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from handmade_junction import FOLLOW, LEFT, RIGHT, STRAIGHT, Points, junction, trial, verdict_of, way
 
 from wrongturn_judge.trajectory import RoadUser, Row, Trajectory
 from wrongturn_protocol import VEHICLE, Command, FaultKind, JunctionType
 from wrongturn_sim.ego import SUB_STEP, advance
-from wrongturn_sim.polyline import Polyline
+from wrongturn_sim.polyline import Polyline, fill, project
 
 FOLDER = Path(__file__).parent / "golden"
 
@@ -77,7 +78,7 @@ def drive_it(one: Golden) -> list[Row]:
     steer = throttle = brake = 0.0
     rows = []
     for k in range(1300):
-        at = line.project(state[0], state[1])
+        s, _, _ = project(line.points, line.along, 0, len(line.points), state[0], state[1])
         near = -15 < state[1] < 15 and -15 < state[0] < 15
         rows.append(
             Row(
@@ -89,13 +90,14 @@ def drive_it(one: Golden) -> list[Row]:
                 one.users,
             )
         )
-        ahead = line.sample(at.s + 4.0, 1)[0]
-        dx, dy = float(ahead[0]) - state[0], float(ahead[1]) - state[1]
+        ahead = np.empty((1, 2), np.float32)
+        fill(line.points, line.along, 0, len(line.points), s + 4.0, ahead)
+        dx, dy = (ahead[0].astype(float) - state[:2]).tolist()
         turn = math.atan2(dy, dx) - state[2]
         turn = math.atan2(math.sin(turn), math.cos(turn))
         wheels = math.atan(VEHICLE.wheelbase * 2 * math.sin(turn) / max(math.dist((0, 0), (dx, dy)), 1.0))
         steer = min(max(-wheels / VEHICLE.max_wheel_angle, -1.0), 1.0)
-        brake = 0.6 if at.s >= one.brake_at else 0.0
+        brake = 0.6 if s >= one.brake_at else 0.0
         throttle = 0.4 if not brake and state[3] < one.speed else 0.0
         state = advance(*state, steer, throttle, brake, SUB_STEP)
     return rows

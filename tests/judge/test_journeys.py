@@ -11,7 +11,7 @@ from wrongturn_judge import GeometryMismatchError, JourneyGeometry, JourneyJudge
 from wrongturn_networks import load_town
 from wrongturn_protocol import Fault, FaultKind, Flag, Journey, Start, Task, Trial, Verdict
 from wrongturn_sim import JudgeGeometry, Row, Trajectory, judge
-from wrongturn_sim.polyline import Polyline
+from wrongturn_sim.polyline import Polyline, project
 
 TOWN = load_town("Town02")
 GEOMETRY = JourneyGeometry.of(TOWN)
@@ -174,11 +174,12 @@ def test_time_runs_out_unless_it_arrives_with_the_same_row():
 
 
 def test_distance_junctions_and_completion():
-    through = Polyline(LANE.centreline).then(Polyline(EXIT.path)).then(Polyline(GOAL.centreline))
+    through = Polyline(np.concatenate([LANE.centreline, EXIT.path, GOAL.centreline]))
     begin, inner = LANE.length - 30.0, Polyline(EXIT.path).length
     length = 30.0 + inner + GOAL_AT
     navigation = trial(length=length)
-    path = through.sample(begin, math.ceil(length) + 2).astype(float).tolist()
+    at = begin + np.arange(math.ceil(length) + 2)
+    path = np.column_stack([np.interp(at, through.along, through.points[:, k]) for k in (0, 1)]).tolist()
     rows = [
         row(k * STEP, (x, y, math.atan2(y2 - y, x2 - x)))
         for k, ((x, y), (x2, y2)) in enumerate(itertools.pairwise(path))
@@ -213,7 +214,9 @@ def test_off_road_and_wrong_lane_are_what_the_polygons_say():
         is_off = off >= 3 or not TOWN.road.contains(Point(x, y))
         inside = any(junction.area.contains(Point(x, y)) for junction in TOWN.junctions.values())
         there = [one for one in lanes if not inside and one.polygon.contains(Point(x, y))]
-        oncoming = any(math.cos(Polyline(one.centreline).project(x, y).heading - yaw) < 0.0 for one in there)
+        lines = [Polyline(one.centreline) for one in there]
+        along = [project(line.points, line.along, 0, len(line.points), x, y)[2] for line in lines]
+        oncoming = any(math.cos(heading - yaw) < 0.0 for heading in along)
         outcome = watch(CRUISE, [row(0.0, where)]).abort(0.0)
         if outcome.verdict is Verdict.COLLISION:
             continue

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
+from shapely import LineString, Point
 
 from wrongturn_networks import load_town
 from wrongturn_protocol import DIRECTIONS, Command, Track
 from wrongturn_protocol.observations import FIELDS, observation_space
 from wrongturn_sim import Episode
 from wrongturn_sim.camera import Camera
-from wrongturn_sim.polyline import Polyline
 
 TRACKS = tuple(Track)
 
@@ -77,9 +77,8 @@ def test_exits_are_the_permitted_ones_from_the_stop_line_on(town_name, make_tria
                 continue
             assert points[0] == pytest.approx(approach.stop_line, abs=1e-3)
             exit_ = approach.exits[direction]
-            outer = Polyline(town.lanes[exit_.lane].centreline)
-            begun = int(Polyline(exit_.path).length) + 1
-            assert all(abs(outer.project(*point).lateral) < 0.01 for point in points[begun : begun + 10])
+            outer, begun = LineString(town.lanes[exit_.lane].centreline), int(LineString(exit_.path).length) + 1
+            assert all(outer.distance(Point(point)) < 0.01 for point in points[begun : begun + 10])
 
 
 def test_exits_stay_in_sight_through_the_junction_and_then_comes_the_next_lane(make_trial, drive):
@@ -88,7 +87,7 @@ def test_exits_stay_in_sight_through_the_junction_and_then_comes_the_next_lane(m
     driven = drive(trial)
     assert driven.outcome is not None
     assert driven.outcome.verdict == "exit_commanded"
-    outer = Polyline(town.lanes[town.approach(trial.approach).exits[trial.route].lane].centreline)
+    outer = LineString(town.lanes[town.approach(trial.approach).exits[trial.route].lane].centreline)
     episode = Episode(trial, Track.PRIVILEGED)
     seen = [episode.reset()]
     seen += [episode.step(r.steer, r.throttle, r.brake).observation for r in driven.trajectory.rows[1::2]]
@@ -101,9 +100,9 @@ def test_exits_stay_in_sight_through_the_junction_and_then_comes_the_next_lane(m
     after = seen[inside[-1] + 1 :]
     assert after
     for observation in after:
-        assert abs(outer.project(*observation["lane"][0].tolist()).lateral) < 0.01
-        x, y, _ = observation["pose"]
-        assert outer.project(x, y).s == pytest.approx(outer.project(*observation["lane"][0].tolist()).s, abs=0.05)
+        begin = Point(observation["lane"][0])
+        assert outer.distance(begin) < 0.01
+        assert outer.project(Point(observation["pose"][:2])) == pytest.approx(outer.project(begin), abs=0.05)
 
 
 @pytest.mark.parametrize("track", [Track.CAMERA, Track.SEGMENTATION])

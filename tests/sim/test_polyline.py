@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from wrongturn_sim.polyline import Polyline
+from wrongturn_sim.polyline import Polyline, fill, project
 
 
 @pytest.fixture
@@ -22,19 +22,13 @@ def corner():
     ],
 )
 def test_projection(corner, point, expected):
-    assert corner.project(*point) == pytest.approx(expected)
+    assert project(corner.points, corner.along, 0, 4, *point) == pytest.approx(expected)
 
 
-def test_samples_are_a_metre_apart_and_end_on_the_last_point(corner):
-    points = corner.sample(7.5, 16)
-    assert points.dtype == np.float32
+def test_points_are_a_metre_apart_and_end_on_the_last_point(corner):
+    points = np.empty((16, 2), np.float32)
+    fill(corner.points, corner.along, 0, 4, 7.5, points)
     assert points[0] == pytest.approx((7.5, 0.0))
     assert points[3] == pytest.approx((10.0, 0.5))
     assert points[12] == pytest.approx((10.0, 9.5))
     assert (points[13:] == (10.0, 10.0)).all()
-
-
-def test_a_path_after_another_keeps_its_distances(corner):
-    both = corner.then(Polyline([(10.0, 10.0), (0.0, 10.0)]))
-    assert both.length == pytest.approx(30.0)
-    assert both.project(5.0, 9.0).s == pytest.approx(25.0)

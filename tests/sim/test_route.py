@@ -5,17 +5,16 @@ import pytest
 
 from wrongturn_networks import draw_journey, load_town
 from wrongturn_protocol import Command, Task
-from wrongturn_sim.polyline import Polyline
+from wrongturn_sim.polyline import Polyline, project
 from wrongturn_sim.route import Navigator, start_pose
 
 
 def passage(town, approach_id, direction):
     """Points 0.1 m apart through a junction with their distances; those of the stop line and the exit line."""
     approach = town.approach(approach_id)
-    lane = Polyline(town.lanes[approach.lane].centreline)
-    inner = Polyline(approach.exits[direction].path)
-    whole = lane.then(inner).then(Polyline(town.lanes[approach.exits[direction].lane].centreline))
-    stop, exit_line = lane.length, lane.length + inner.length
+    lines = [town.lanes[approach.lane].centreline, approach.exits[direction].path]
+    whole = Polyline(np.concatenate([*lines, town.lanes[approach.exits[direction].lane].centreline]))
+    stop, exit_line = Polyline(lines[0]).length, Polyline(np.concatenate(lines)).length
     # Not into the window of the next junction, where the streets are short.
     s = np.arange(max(0.0, stop - 25.0), exit_line + min(9.0, whole.length - exit_line - 15.3), 0.1)
     x = np.interp(s, whole.along, whole.points[:, 0])
@@ -147,7 +146,7 @@ def test_the_start_is_where_the_trial_says(make_trial):
             trial = make_trial(name, town=town_name, seed=seed)
             pose = start_pose(town, trial)
             lane = Polyline(town.lanes[town.approach(name).lane].centreline)
-            s, lateral, heading = lane.project(pose.x, pose.y)
+            s, lateral, heading = project(lane.points, lane.along, 0, len(lane.points), pose.x, pose.y)
             assert lane.length - s == pytest.approx(trial.start.distance, abs=0.1)
             assert lateral == pytest.approx(trial.start.lateral, abs=0.02)
             assert math.remainder(pose.yaw - heading, math.tau) == pytest.approx(trial.start.yaw, abs=0.05)

@@ -12,8 +12,9 @@ from typing import Final
 from wrongturn_networks import Town
 from wrongturn_protocol import Trial
 from wrongturn_sim.errors import TrafficTooDenseError
+from wrongturn_sim.polyline import Polyline
 from wrongturn_sim.route import Navigator, Pose
-from wrongturn_sim.traffic.slots import FIRST, JITTER, Slots, car_slots, length_of, pedestrian_slots, sidewalks_of
+from wrongturn_sim.traffic.slots import FIRST, JITTER, Slots, car_slots, pedestrian_slots, sidewalks_of
 
 DRIVE_LENGTH: Final = 1200.0
 """Length of a car's trips in all, metres: more than it can drive within the time limit."""
@@ -154,7 +155,7 @@ def _pedestrians(town: Town, count: int, start: Pose, metres: float, draw: rando
     walks = sidewalks_of(town)
     people = []
     for edge, along in _sample(draw, pedestrian_slots(town), count, start, "pedestrians", town):
-        length = length_of(walks.lines[edge])
+        length = Polyline(walks.lines[edge]).length
         forward = draw.random() < 0.5
         edges, left = [edge], metres - (length - along if forward else along)
         area = walks.ends[edge][forward]
@@ -167,7 +168,7 @@ def _pedestrians(town: Town, count: int, start: Pose, metres: float, draw: rando
             begin, end = walks.ends[other]
             area, until = (end, 1.0) if begin == area else (begin, 0.0)
             edges.append(other)
-            left -= length_of(walks.lines[other])
+            left -= Polyline(walks.lines[other]).length
         speed, height = round(draw.uniform(1.2, 1.6), 2), round(draw.uniform(1.55, 1.9), 2)
         people.append(Pedestrian(tuple(edges), along / length, until, speed, height, draw.randrange(COLOURS)))
     return tuple(people)

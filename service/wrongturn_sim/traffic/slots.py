@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from wrongturn_networks import Town
 from wrongturn_networks.lanes import Line
 from wrongturn_networks.netfile import shape_of
+from wrongturn_sim.polyline import measure
 
 CLEARANCE: Final = 15.0
 """Least distance of a car's front from the ego's centre at the start, metres."""
@@ -25,17 +26,6 @@ JITTER: Final = 1.5
 _PITCH: Final = 10.0  # between slots: the longest body, the jitter and SUMO's gap between standing cars
 _LAST: Final = 3.0  # between the last front and the stop line
 _PACE: Final = 2.0  # of sidewalk for each pedestrian
-
-
-def along_of(line: Line) -> NDArray[np.float64]:
-    """Return the distance from a line's start to each of its points (n, 2), as (n,), metres."""
-    steps = np.diff(line, axis=0)
-    return np.concatenate(([0.0], np.cumsum(np.sqrt(steps[:, 0] ** 2 + steps[:, 1] ** 2))))
-
-
-def length_of(line: Line) -> float:
-    """Return the length of a line (n, 2), metres."""
-    return float(along_of(line)[-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +106,7 @@ def _slots(lines: Mapping[str, Line], first: float, pitch: float, last: float, c
     places: list[tuple[str, float]] = []
     points = [np.empty((0, 2))]
     for name, line in sorted(lines.items()):
-        along = along_of(line)
+        along = measure(line)
         at = np.arange(first, float(along[-1]) - last, pitch)
         places += [(name, place) for place in at.tolist()]
         points.append(np.column_stack((np.interp(at, along, line[:, 0]), np.interp(at, along, line[:, 1]))))

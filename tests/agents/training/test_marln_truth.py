@@ -18,7 +18,8 @@ def test_a_place_beside_a_lane(truth):
     roads = roads_of(load_town("Town01"))
     leg = next(k for k, lane in enumerate(roads.lanes) if roads.approaches[k] and lane.length > 60.0)
     lane = roads.lanes[leg]
-    (x, y), (x2, y2) = lane.sample(lane.length - 12.0, 2).tolist()
+    places = [lane.length - 12.0, lane.length - 11.0]
+    (x, x2), (y, y2) = (np.interp(places, lane.along, lane.points[:, k]) for k in (0, 1))
     yaw = np.arctan2(y2 - y, x2 - x)
     pose = np.array([[x - 0.5 * np.sin(yaw), y + 0.5 * np.cos(yaw), yaw - 0.1]])
     found = truth.of(pose)
