@@ -73,7 +73,7 @@ def draw_cruise(
     alone: float = 0.0,
     least_traffic: Traffic | None = None,
 ) -> Trial:
-    """Draw a trial without a goal; its seed decides the exit at each junction.
+    """Draw a trial without a goal; its seed decides the exit at each junction. Raises CruiseError.
 
     Args:
         town: town to drive in.
@@ -92,9 +92,6 @@ def draw_cruise(
         time_limit: seconds.
         alone: share of the cruises without other road users, although ``traffic`` has some.
         least_traffic: each of the others draws numbers from these up to those of ``traffic``. None: always ``traffic``.
-
-    Raises:
-        CruiseError: an argument is out of range.
     """
     # Hundreds of environments call this at each end of an episode: hence the tables, and models without validation.
     shares = (near_junctions, near_bends, inside_junctions)
@@ -132,6 +129,8 @@ def draw_cruise(
     aside, askew = random.standard_normal(2).tolist()
     seed = int(random.integers(2**53))
     route = stretch.exits[int(turn * len(stretch.exits))]
+    # A generator of its own, so that the window does not shift the cruises that follow.
+    opens = None if window is None else round(generators.Random(f"window {seed}").uniform(*window), 3)
     distance, fastest = stretch.nearest + where * (stretch.farthest - stretch.nearest), speed[1]
     if inside:
         # Not 0: only a start past the stop line lies on the path.
@@ -152,14 +151,9 @@ def draw_cruise(
         traffic=_company(least, traffic, alone, seed),
         fault=_NO_FAULT,
         seed=seed,
-        window=None if window is None else _opening(window, seed),
+        window=opens,
         journey=_cruise(time_limit),
     )
-
-
-def _opening(window: tuple[float, float], seed: int) -> float:
-    # A generator of its own, so that the window does not shift the cruises that follow.
-    return round(generators.Random(f"window {seed}").uniform(*window), 3)
 
 
 def _company(least: Traffic, most: Traffic, alone: float, seed: int) -> Traffic:

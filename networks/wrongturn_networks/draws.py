@@ -81,12 +81,8 @@ def commitment_of(secret: str) -> str:
 def draw_cells(suite_id: str, cells: Sequence[Cell], secret: str) -> Draw:
     """Draw the trials of a suite's cells, and their twins.
 
-    Equal cells get different approaches while there are enough, and their routes are balanced.
-
-    Raises:
-        SecretError: the secret is empty, or is not text in UTF-8.
-        UnknownTownError: there is no such town.
-        ApproachTooShortError: no approach of a cell's type has room for a start.
+    Equal cells get different approaches while there are enough, and their routes are balanced. Raises what
+    :meth:`wrongturn_networks.Suite.draw` raises.
     """
     numbers = _Numbers(secret)
     groups: dict[Cell, list[int]] = {}
@@ -108,11 +104,8 @@ def draw_cells(suite_id: str, cells: Sequence[Cell], secret: str) -> Draw:
 def possible_trials(cell: Cell) -> tuple[Trial, ...]:
     """Return one trial for each approach and route that a draw can choose for a cell.
 
-    Makers of suites check by them that a cell's fault can be applied wherever a draw leads.
-
-    Raises:
-        UnknownTownError: there is no such town.
-        ApproachTooShortError: no approach of the cell's type has room for a start.
+    Makers of suites check by them that a cell's fault can be applied wherever a draw leads. Raises UnknownTownError;
+    ApproachTooShortError if no approach of the cell's type has room for a start.
     """
     numbers = _Numbers("any")
     return tuple(

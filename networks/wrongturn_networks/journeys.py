@@ -74,12 +74,8 @@ def draw_journey(
     """Draw a trial of one of CoRL 2017's tasks.
 
     With the same seed, navigation has the same route with and without other road users; the task itself adds none.
-    ``approach`` is the first one; None draws it.
-
-    Raises:
-        NoJourneyError: the task has no goal, or the town has no such journey.
-        UnknownApproachError: the town has no such approach.
-        ApproachTooShortError: the approach's lane has no room for a start.
+    ``approach`` is the first one; None draws it. Raises NoJourneyError if the task has no goal or the town no such
+    journey, UnknownApproachError, and ApproachTooShortError if the approach's lane has no room for a start.
     """
     if task not in CORL_TASKS:
         raise NoJourneyError(f"task: {task} has no goal; choose one of {', '.join(CORL_TASKS)}, or use draw_cruise")

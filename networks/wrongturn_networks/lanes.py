@@ -39,15 +39,9 @@ class Lane:
     """Id of the same street's lane in the opposite direction."""
 
 
-def heading_at_end(line: Line) -> float:
-    """Return the heading of a line's last piece, radians."""
-    dx, dy = line[-1] - line[-2]
-    return float(np.arctan2(dy, dx))
-
-
-def heading_at_start(line: Line) -> float:
-    """Return the heading of a line's first piece, radians."""
-    dx, dy = line[1] - line[0]
+def heading_of(piece: Line) -> float:
+    """Return the heading of a straight piece (2, 2) of a line, radians."""
+    dx, dy = piece[1] - piece[0]
     return float(np.arctan2(dy, dx))
 
 

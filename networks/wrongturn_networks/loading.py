@@ -14,7 +14,7 @@ from shapely import union
 from wrongturn_networks import drivable
 from wrongturn_networks.errors import CorruptFileError, UnknownTownError
 from wrongturn_networks.junctions import Approach, Exit, Junction, arm_of, direction_of
-from wrongturn_networks.lanes import Lane, Line, heading_at_end, heading_at_start
+from wrongturn_networks.lanes import Lane, Line, heading_of
 from wrongturn_networks.netfile import Net, read_net, sha256_of
 from wrongturn_networks.scenery import read_scenery, sha256_of_scenery
 from wrongturn_networks.shelf import Shelf
@@ -30,12 +30,7 @@ def town_names() -> tuple[str, ...]:
 
 
 def load_town(name: str) -> Town:
-    """Return a town by its name; each process reads it once.
-
-    Raises:
-        UnknownTownError: there is no such town; the message lists the known ones.
-        CorruptFileError: its files are broken.
-    """
+    """Return a town, which each process reads once. Raises UnknownTownError, or CorruptFileError for broken files."""
     return shelf().load(name)
 
 
@@ -118,12 +113,12 @@ def _approaches(net: Net, lanes: dict[str, Lane]) -> dict[str, Approach]:
     for lane in lanes.values():
         if lane.end_junction is None:
             continue
-        heading = heading_at_end(lane.centreline)
+        heading = heading_of(lane.centreline[-2:])
         exits = {}
         for connection in net.connections:
             if connection.from_lane == lane.id:
                 onward = lanes[connection.to_lane]
-                direction = direction_of(heading_at_start(onward.centreline) - heading)
+                direction = direction_of(heading_of(onward.centreline[:2]) - heading)
                 path = _joined(
                     [lane.centreline[-1:], *(net.lanes[via].shape for via in connection.via), onward.centreline[:1]]
                 )

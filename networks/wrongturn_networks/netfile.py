@@ -80,12 +80,7 @@ def _cars_may_use(lane: ET.Element) -> bool:
 
 
 def read_net(path: Path) -> Net:
-    """Read a SUMO net file.
-
-    Raises:
-        OSError: the file cannot be read.
-        xml.etree.ElementTree.ParseError: the file is not XML.
-    """
+    """Read a SUMO net file. Raises OSError, and ElementTree's ParseError if the file is not XML."""
     root = ET.parse(path).getroot()  # noqa: S314 - a file of this package, with a checksum
     lanes: dict[str, NetLane] = {}
     edges: dict[str, tuple[str, str]] = {}

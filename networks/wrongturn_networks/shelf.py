@@ -19,12 +19,8 @@ _T = TypeVar("_T")
 class Shelf(Generic[_T]):
     """All towns, or all suites. Each process reads one once.
 
-    Args:
-        group: Group of the entry points, each of which names a ``Path``.
-        shipped: Paths of this package's own.
-        read: Reads one.
-        unknown: The error for an unknown name.
-        check: Raises an error for one of another package that cannot be driven.
+    Those of other packages come from entry points of the ``group``, each of which names a ``Path``; ``check`` raises an
+    error for one of them that cannot be driven.
     """
 
     def __init__(

@@ -57,11 +57,8 @@ def draw_trial(
     """Draw a trial at an approach by the suites' recipe.
 
     Whether the fault can be applied there is the fault's own to say: ask ``wrongturn_networks.faults.check_fault``.
-
-    Raises:
-        UnknownApproachError: the town has no such approach.
-        RouteNotAvailableError: the approach has no such exit.
-        ApproachTooShortError: its lane has no room for a start.
+    Raises UnknownApproachError, RouteNotAvailableError if the approach has no such exit, and ApproachTooShortError if
+    its lane has no room for a start.
     """
     approach = town.approach(approach_id)
     wanted = fault if isinstance(fault, Fault) else Fault(kind=fault)

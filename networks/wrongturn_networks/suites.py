@@ -105,12 +105,7 @@ def suite_ids() -> tuple[str, ...]:
 
 
 def load_suite(suite_id: str) -> Suite:
-    """Return a suite by its id; each process reads it once.
-
-    Raises:
-        UnknownSuiteError: there is no such suite; the message lists the known ones.
-        CorruptFileError: its file does not match its checksum.
-    """
+    """Return a suite, which each process reads once. Raises UnknownSuiteError, or CorruptFileError for a bad file."""
     return shelf().load(suite_id)
 
 

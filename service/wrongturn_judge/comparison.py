@@ -4,22 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from wrongturn_judge.intervals import LEVEL, stratified_exact
-from wrongturn_judge.metrics import SuiteLike, is_success, is_unsafe_strict, of_journeys
-from wrongturn_protocol import (
-    AgentDetail,
-    Comparison,
-    Condition,
-    FaultKind,
-    JunctionType,
-    Outcome,
-    StratumComparison,
-    TableCell,
-    Task,
-    Trial,
-)
+from wrongturn_judge.metrics import SuiteLike, is_success, of_journeys
+from wrongturn_protocol import AgentDetail, Comparison, Condition, Outcome, StratumComparison, TableCell, Trial
 
-Key = tuple[JunctionType, FaultKind] | tuple[Task, Condition]
-"""A stratum: junction type and fault, or task and condition of a journey."""
+Key = tuple[tuple[str, str], tuple[str, str]]
+"""A stratum by its fields' names and values: junction type and fault, or task and condition of a journey."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +46,7 @@ def compare(a: Side, b: Side) -> Comparison:
         suite=a.draw.id,
         a=a.agent,
         b=b.agent,
-        strata=tuple(_stratum(key, x, y) for key, (x, y) in pairs.items()),
+        strata=tuple(StratumComparison.model_validate({**dict(key), "a": x, "b": y}) for key, (x, y) in pairs.items()),
         total_a=total_a,
         total_b=total_b,
         difference=total_a.unsafe / total_a.trials - total_b.unsafe / total_b.trials,
@@ -77,33 +66,20 @@ def _remarks(a: Side, b: Side) -> list[str]:
 
 
 def _counts(side: Side, *, journeys: bool) -> dict[Key, TableCell]:
-    failed = _missed if journeys else is_unsafe_strict
     marks: dict[Key, list[bool]] = {}
     for trial in side.draw.trials:
         outcome = side.outcomes.get(trial.id)
-        marks.setdefault(_key(trial), []).append(outcome is None or failed(outcome))
+        failed = outcome is None or (not is_success(outcome) if journeys else outcome.unsafe_strict)
+        marks.setdefault(_key(trial), []).append(failed)
     return {key: TableCell(unsafe=sum(found), trials=len(found)) for key, found in marks.items()}
-
-
-def _missed(outcome: Outcome) -> bool:
-    return not is_success(outcome)
 
 
 def _key(trial: Trial) -> Key:
     if trial.journey is None:
-        return trial.junction_type, trial.fault.kind
-    return trial.journey.task, Condition.of(trial.town, trial.weather)
+        return ("junction_type", trial.junction_type), ("fault", trial.fault.kind)
+    return ("task", trial.journey.task), ("condition", Condition.of(trial.town, trial.weather))
 
 
 def _total(counts: Mapping[Key, TableCell]) -> TableCell:
     cells = counts.values()
     return TableCell(unsafe=sum(cell.unsafe for cell in cells), trials=sum(cell.trials for cell in cells))
-
-
-def _stratum(key: Key, a: TableCell, b: TableCell) -> StratumComparison:
-    first, second = key
-    if isinstance(first, JunctionType) and isinstance(second, FaultKind):
-        return StratumComparison(junction_type=first, fault=second, a=a, b=b)
-    assert isinstance(first, Task)
-    assert isinstance(second, Condition)
-    return StratumComparison(task=first, condition=second, a=a, b=b)

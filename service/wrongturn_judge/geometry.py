@@ -171,11 +171,7 @@ class JourneyGeometry:
         return _journeys_of(town)
 
     def rest(self, goal: str) -> Floats:
-        """Return metres from each lane's end to the start of the goal's lane by the shortest way; inf if none.
-
-        Raises:
-            UnknownLaneError: the town has no such lane.
-        """
+        """Return metres from each lane's end to the goal's lane, or inf. Raises UnknownLaneError."""
         if goal not in self._rests:
             self._rests[goal] = _rest(self.town, self.rows, goal)
         return self._rests[goal]

@@ -22,8 +22,7 @@ BOOTSTRAP_SEED: Final = 20_210_711
 def wilson(count: int, trials: int, level: float = LEVEL) -> tuple[float, float]:
     """Return Wilson's interval of the rate ``count / trials``, 95 % by default. It contains the rate.
 
-    Raises:
-        ValueError: There are no trials, or ``count`` is not in 0 to ``trials``.
+    Raises ValueError if there are no trials, or ``count`` is not in 0 to ``trials``.
     """
     if trials < 1 or not 0 <= count <= trials:
         raise ValueError(f"count: {count} of {trials} is no rate; give 0 <= count <= trials with one trial at least")

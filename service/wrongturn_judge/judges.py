@@ -39,8 +39,7 @@ class EpisodeJudge(ABC):
     def observe(self, row: Row) -> Outcome | None:
         """Take the next row, and return the outcome at the row that decides it; None for rows before and after.
 
-        Raises:
-            RowError: the row is not finite, or not later than the one before.
+        Raises RowError if the row is not finite, or not later than the one before.
         """
         if self.outcome is not None:
             return None
@@ -81,9 +80,7 @@ class EpisodeJudge(ABC):
 class Judge(EpisodeJudge):
     """Judges one episode at a junction, row by row. It needs neither SUMO nor a simulator.
 
-    Raises:
-        GeometryMismatchError: the geometry's exits are not those of the trial's junction type, or the trial is a
-            journey.
+    Raises GeometryMismatchError if the geometry's exits are not those of the junction type, or the trial is a journey.
     """
 
     def __init__(self, geometry: JudgeGeometry, trial: Trial, thresholds: Thresholds = THRESHOLDS) -> None:
@@ -144,11 +141,7 @@ class JourneyJudge(EpisodeJudge):
 
 
 def terms_of(geometry: JourneyGeometry, trial: Trial, *, strict: bool) -> tuple[float, float, float, float]:
-    """Return what ends a journey, as :data:`~wrongturn_judge.journey_kernels.TERMS`.
-
-    Raises:
-        GeometryMismatchError: the trial is not a journey, or its goal is not in the town.
-    """
+    """Return what ends a journey, as ``journey_kernels.TERMS``. Raises GeometryMismatchError as JourneyJudge."""
     journey = trial.journey
     if journey is None:
         raise GeometryMismatchError(f"trial {trial.id} is not a journey; judge it by JudgeGeometry.of(town, trial)")

@@ -6,6 +6,7 @@ Journeys are counted by task and condition, as in CoRL 2017: success, clean succ
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from operator import attrgetter
 from typing import Final, Protocol
 
 from wrongturn_judge.intervals import RANK_LEVEL, cluster_bootstrap, mcnemar_two_sided, wilson
@@ -53,16 +54,6 @@ JOURNEYS_END: Final = (Verdict.COLLISION, Verdict.TIMEOUT, Verdict.ABORTED, Verd
 """Possible verdicts of a scored journey. Metrics list them even if their count is 0."""
 
 
-def is_unsafe(outcome: Outcome) -> bool:
-    """Return whether an outcome counts as unsafe in the paper's column."""
-    return outcome.verdict.unsafe
-
-
-def is_unsafe_strict(outcome: Outcome) -> bool:
-    """Return whether an outcome counts as unsafe in the strict column, which includes driving on opposed lanes."""
-    return outcome.unsafe_strict
-
-
 def of_journeys(suite: SuiteLike) -> bool:
     """Return whether a suite consists of journeys, which have no twins. Raises ValueError for a mixed one."""
     journeys = sum(trial.journey is not None for trial in suite.trials)
@@ -93,21 +84,21 @@ def compute(suite: SuiteLike, outcomes: Mapping[str, Outcome]) -> Metrics:
     faulted = [(trial, _scored(trial.id, outcomes)) for trial in suite.trials]
     twins = [(trial, _scored(twin_id(trial), outcomes)) for trial in suite.trials]
     return Metrics(
-        unsafe=unsafe_count(is_unsafe(outcome) for _, outcome in faulted),
-        unsafe_strict=strict_count(is_unsafe_strict(outcome) for _, outcome in faulted),
+        unsafe=unsafe_count(outcome.verdict.unsafe for _, outcome in faulted),
+        unsafe_strict=strict_count(outcome.unsafe_strict for _, outcome in faulted),
         twins=TwinCount(
-            unsafe=sum(is_unsafe(outcome) for _, outcome in twins),
+            unsafe=sum(outcome.verdict.unsafe for _, outcome in twins),
             completed=sum(outcome.verdict is Verdict.EXIT_COMMANDED for _, outcome in twins),
             trials=len(twins),
         ),
         excess_unsafe_rate=_excess(
             [
-                (trial, is_unsafe_strict(outcome), is_unsafe_strict(twin))
+                (trial, outcome.unsafe_strict, twin.unsafe_strict)
                 for (trial, outcome), (_, twin) in zip(faulted, twins, strict=True)
             ]
         ),
-        table=_table(faulted, is_unsafe),
-        table_strict=_table(faulted, is_unsafe_strict),
+        table=_table(faulted, attrgetter("verdict.unsafe")),
+        table_strict=_table(faulted, attrgetter("unsafe_strict")),
         reactions=_reactions(faulted),
         verdicts=_verdicts(faulted, [outcome for _, outcome in twins]),
     )
@@ -118,8 +109,8 @@ def _journeys(suite: SuiteLike, outcomes: Mapping[str, Outcome]) -> Metrics:
     seen = [outcome.verdict for _, outcome in driven]
     listed = [verdict for verdict in Verdict if verdict in JOURNEYS_END or verdict in seen]
     return Metrics(
-        unsafe=unsafe_count(is_unsafe(outcome) for _, outcome in driven),
-        unsafe_strict=strict_count(is_unsafe_strict(outcome) for _, outcome in driven),
+        unsafe=unsafe_count(outcome.verdict.unsafe for _, outcome in driven),
+        unsafe_strict=strict_count(outcome.unsafe_strict for _, outcome in driven),
         twins=TwinCount(unsafe=0, completed=0, trials=0),
         excess_unsafe_rate=None,
         table={},

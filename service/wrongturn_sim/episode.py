@@ -254,11 +254,7 @@ class Episode:
         self._guide()
 
     def abort(self) -> Outcome:
-        """End the episode as ``aborted`` and return its outcome; an episode that has ended keeps its own.
-
-        Raises:
-            EpisodeNotStartedError: call ``reset`` first.
-        """
+        """End the episode as ``aborted``, unless it has ended; return its outcome. Raises EpisodeNotStartedError."""
         self._begun("abort")
         if self.outcome is None:
             self.outcome = self._judge.abort(self.trajectory.rows[-1].t)

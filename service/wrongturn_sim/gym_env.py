@@ -75,14 +75,7 @@ class WrongturnSimEnv(TrialEnv):
         return observation, {"trial": trial.id, "town": trial.town}
 
     def step(self, action: ActionLike) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Drive for 0.1 s.
-
-        Args:
-            action: steer, throttle and brake: a float32 array (3,), a tuple, a list or an Action.
-
-        Raises:
-            SimError: as :meth:`wrongturn_sim.episode.Episode.step`.
-        """
+        """Drive for 0.1 s by steer, throttle, brake: an array (3,), a tuple, a list or an Action. Raises SimError."""
         if self.episode is None:
             raise EpisodeNotStartedError("step before the first reset; call reset")
         controls = three_numbers(action, InvalidActionError)

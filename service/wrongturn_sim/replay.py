@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Final, Self
 from wrongturn_judge.trajectory import Row, Trajectory
 from wrongturn_networks import load_town
 from wrongturn_protocol import Outcome, View
+from wrongturn_sim.camera import Camera, Renderer, World
+from wrongturn_sim.camera.renderer import Image
 from wrongturn_sim.ego import SUB_STEPS
+from wrongturn_sim.view.plot import plot_episode
+from wrongturn_sim.view.views import VIEW_SIZE, Moment, Views, draw_picture, view_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from wrongturn_sim.camera import Camera, Renderer
-    from wrongturn_sim.camera.renderer import Image
-    from wrongturn_sim.view.views import Moment, Views
 
 SIZE: Final = 720
 """Side of the view from above, pixels."""
@@ -26,11 +26,8 @@ PICTURE_SIZE: Final = 1000
 class Replay:
     """A finished episode, decision by decision.
 
-    Decision 0 is the reset. Decision ``n`` is what the agent got in reply to its ``n``-th step.
-
-    Raises:
-        UnknownTownError: The town is not installed here.
-        TrajectoryError: The trajectory has no rows.
+    Decision 0 is the reset. Decision ``n`` is what the agent got in reply to its ``n``-th step. Raises UnknownTownError
+    if the town is not installed here, and TrajectoryError if the trajectory has no rows.
     """
 
     def __init__(self, trajectory: Trajectory, outcome: Outcome | None = None) -> None:
@@ -68,56 +65,48 @@ class Replay:
         # The last step ends early if its first sub-step brings the verdict.
         return min(decision * SUB_STEPS, len(self.trajectory.rows) - 1)
 
-    def camera(self, decision: int, camera: "Camera | None" = None) -> "tuple[Image, Image]":
+    def camera(self, decision: int, camera: Camera | None = None) -> tuple[Image, Image]:
         """Return what the camera saw at a decision: rgb (height, width, 3) and segmentation (height, width), uint8.
 
         With the benchmark's camera, which is the default, these are the bytes that the agent got.
         """
         return self._seen(decision, self._renderer(camera))
 
-    def top(self, decision: int, size: int = SIZE) -> "Image":
+    def top(self, decision: int, size: int = SIZE) -> Image:
         """Return the view from above at a decision, RGB uint8 (1.12 size, size, 3). Raises ViewError."""
         return self._views(size).draw(View.TOP, self._moment(decision, None))
 
-    def both(self, decision: int, size: int = SIZE) -> "Image":
+    def both(self, decision: int, size: int = SIZE) -> Image:
         """Return the view from above beside the camera's, RGB uint8 (size, 1.8 size, 3). Raises ViewError."""
         return self._views(size).draw(View.BOTH, self._moment(decision, self._renderer(None)))
 
-    def last_view(self, command: int | None = None, route_command: int | None = None) -> "Image":
+    def last_view(self, command: int | None = None, route_command: int | None = None) -> Image:
         """Return the last picture that :meth:`Episode.view` gave, RGB uint8 (480, 864, 3).
 
         The trajectory does not hold the commands after the last row; by default they are those before it.
         """
-        from wrongturn_sim.view.views import VIEW_SIZE, Views  # noqa: PLC0415 - as above
-
         views = Views(self.town, self.trajectory.trial, self.trajectory.rows, VIEW_SIZE, still=False)
         moment = self._moment(len(self) - 1, self._renderer(None))
         if command is not None and route_command is not None:
             moment = replace(moment, command=command, route_command=route_command)
         return views.draw(View.BOTH, moment)
 
-    def picture(self, size: int = PICTURE_SIZE) -> "Image":
+    def picture(self, size: int = PICTURE_SIZE) -> Image:
         """Return the whole episode from above, RGB uint8 (size, size, 3).
 
         It shows the car's way and footprints, coloured by speed, the commands where they began, and the verdict. Raises
         ViewError if the size is too small or too large.
         """
-        from wrongturn_sim.view.views import draw_picture  # noqa: PLC0415 - as below
-
         return draw_picture(self.town, self.trajectory, self.outcome, size)
 
-    def frames(self, view: View | str, size: int = SIZE, *, first: int = 0, every: int = 1) -> "Iterator[Image]":
+    def frames(self, view: View | str, size: int = SIZE, *, first: int = 0, every: int = 1) -> Iterator[Image]:
         """Yield a picture for each decision, or for some of them; the last one is always among them.
 
         ``size`` is the side of the view from above, or the camera's width, pixels. The view from above shows the way
         from the decision ``first`` on; ``every=2`` shows every second decision, and so on.
 
-        Raises:
-            IndexError: There is no such first decision.
-            ViewError: The view is unknown, or the size is too small or too large.
+        Raises IndexError for a first decision that there is not, ViewError for an unknown view or a wrong size.
         """
-        from wrongturn_sim.view.views import view_of  # noqa: PLC0415 - as below
-
         view, last = view_of(view), len(self) - 1
         views, renderer = self._views(size, self._index(first)), None if view is View.TOP else self._renderer(None)
         shown = (*range(first, last, every), last)
@@ -126,11 +115,9 @@ class Replay:
     def video(self, file: str | Path, view: View | str = View.BOTH, size: int = SIZE) -> int:
         """Write an ``.mp4`` or ``.webp`` of ten frames a second, one for each decision, and return their number.
 
-        Raises:
-            FilmError: The file's name ends otherwise, or it cannot be written.
-            ViewError: The view is unknown, or the size is too small or too large.
+        Raises FilmError if the file's name ends otherwise or it cannot be written, ViewError as :meth:`frames`.
         """
-        from wrongturn_sim.view.film import check_film, write_film  # noqa: PLC0415 - as below
+        from wrongturn_sim.view.film import check_film, write_film  # noqa: PLC0415 - PyAV takes a quarter of a second
 
         check_film(Path(file))
         return write_film(Path(file), self.frames(view, size))
@@ -138,21 +125,14 @@ class Replay:
     def plot(self) -> "Figure":
         """Return a matplotlib figure: the way from above, coloured by speed, beside speed and commands over time.
 
-        Raises:
-            DependencyMissingError: matplotlib is missing.
+        Raises DependencyMissingError if matplotlib is missing.
         """
-        from wrongturn_sim.view.plot import plot_episode  # noqa: PLC0415 - an extra
-
         return plot_episode(self.town, self.trajectory, self.outcome)
 
-    def _views(self, size: int, first: int = 0) -> "Views":
-        from wrongturn_sim.view.views import Views  # noqa: PLC0415 - OpenCV is slow, and only pictures need it
-
+    def _views(self, size: int, first: int = 0) -> Views:
         return Views(self.town, self.trajectory.trial, self.trajectory.rows, size, still=True, first=first)
 
-    def _moment(self, decision: int, renderer: "Renderer | None") -> "Moment":
-        from wrongturn_sim.view.views import Moment  # noqa: PLC0415 - as above
-
+    def _moment(self, decision: int, renderer: Renderer | None) -> Moment:
         index, rows = self._index(decision), self.trajectory.rows
         told = rows[min(index + 1, len(rows) - 1)]
         return Moment(
@@ -163,12 +143,10 @@ class Replay:
             self.outcome if index == len(rows) - 1 else None,
         )
 
-    def _renderer(self, camera: "Camera | None") -> "Renderer":
-        from wrongturn_sim.camera import Renderer, World  # noqa: PLC0415 - slow, and only pictures need it
-
+    def _renderer(self, camera: Camera | None) -> Renderer:
         trial = self.trajectory.trial
         return Renderer(World.of(self.town), camera, trial.weather, trial.seed)
 
-    def _seen(self, decision: int, renderer: "Renderer") -> "tuple[Image, Image]":
+    def _seen(self, decision: int, renderer: Renderer) -> tuple[Image, Image]:
         row = self.row(decision)
         return renderer.render(row.x, row.y, row.yaw, decision, self.trajectory.others(self._index(decision)))

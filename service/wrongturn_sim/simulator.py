@@ -64,9 +64,7 @@ class Simulation:
     def move(self, x: float, y: float, yaw: float) -> None:
         """Move the car's centre to a place (metres, radians) and simulate everything else for 0.05 s.
 
-        Raises:
-            SimulatorInUseError: another episode took the simulator.
-            SimulatorFailedError: SUMO reported an error.
+        Raises SimulatorInUseError if another episode took the simulator, SimulatorFailedError if SUMO reports an error.
         """
 
     def set_route(self, edges: tuple[str, ...]) -> bool:  # noqa: ARG002
@@ -170,7 +168,7 @@ def is_free() -> bool:
     return _Process.holder() is None
 
 
-def release(simulation: Simulation) -> None:
+def release(simulation: Simulation | None) -> None:
     """Free this process's simulator, if this simulation holds it."""
     if _Process.holder() is simulation:
         _Process.holder = _nobody
@@ -180,17 +178,11 @@ class Simulator:
     """The process's only simulator: SUMO, as an episode with other road users uses it."""
 
     def begin(self, net: Path, x: float, y: float, yaw: float, traffic: TrafficPlan, *, seed: int) -> Simulation:
-        """Take the process's simulator, load a net, place a new car and let the other road users enter.
+        """Take the process's simulator, load a town's net, place a new car and let the other road users enter.
 
-        The net is loaded each time, because SUMO's drivers depend on all random numbers that were drawn before.
-
-        Args:
-            net: the town's ``.net.xml``.
-            x: place of the body's centre, metres; likewise y.
-            y: metres.
-            yaw: radians, counter-clockwise from east.
-            traffic: the other road users, and the car's route, on whose first edge it starts.
-            seed: SUMO's random seed.
+        The body's centre is at x, y (metres), its yaw is radians, counter-clockwise from east. The traffic has the
+        car's route too, on whose first edge it starts. SUMO's drivers depend on ``seed`` and on all random numbers
+        that were drawn before, so the net is loaded each time.
 
         Raises:
             SimulatorUnavailableError: libsumo cannot be loaded.

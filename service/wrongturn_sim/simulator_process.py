@@ -61,13 +61,7 @@ class SimulatorProcess:
         return simulation
 
     def call(self, request: str, arguments: Any) -> Any:
-        """Return the reply to a request.
-
-        Raises:
-            SimError: The request was refused.
-            SimulatorFailedError: The process has ended.
-            SimulatorInUseError: This process is a fork of the one that started it.
-        """
+        """Return the reply to a request; raise the SimError that refuses it, or tells that the process is gone."""
         if self._maker != os.getpid():
             raise SimulatorInUseError(
                 "the environment was made before this process was forked, and the other process drives its simulation; "
@@ -133,7 +127,7 @@ class EnvironmentSimulator(Simulator):
 
     def begin(self, net: Path, x: float, y: float, yaw: float, traffic: TrafficPlan, *, seed: int) -> Simulation:
         """Begin an episode, as :meth:`wrongturn_sim.simulator.Simulator.begin`."""
-        self._release()
+        release(self._simulation)
         if self._process is None and is_free():
             self._simulation = super().begin(net, x, y, yaw, traffic, seed=seed)
             return self._simulation
@@ -143,18 +137,12 @@ class EnvironmentSimulator(Simulator):
 
     def close(self) -> None:
         """Free this process's simulator and end the other process. Safe to call more than once."""
-        self._release()
+        release(self._simulation)
         if self._process is not None:
             self._process.close()
 
-    def _release(self) -> None:
-        if self._simulation is not None:
-            release(self._simulation)
-            self._simulation = None
 
-
-def serve(connection: Connection) -> None:
-    """Answer requests until the other side closes the stream."""
+def _serve(connection: Connection) -> None:
     simulator, simulation = Simulator(), Simulation()
     reply: Any
     while True:
@@ -173,11 +161,6 @@ def serve(connection: Connection) -> None:
         connection.send(reply)
 
 
-def main() -> None:
-    """Serve the socket that the command line names."""
-    with Connection(int(sys.argv[1])) as connection, contextlib.suppress(EOFError, ConnectionError):
-        serve(connection)
-
-
 if __name__ == "__main__":
-    main()
+    with Connection(int(sys.argv[1])) as served, contextlib.suppress(EOFError, ConnectionError):
+        _serve(served)

@@ -79,12 +79,7 @@ class TrialSource:
         return (self._town.name,)
 
     def find(self, trial: Trial | str) -> Trial:
-        """Return a trial by its id in the suite; a Trial is returned as it is.
-
-        Raises:
-            UnknownTrialError: The suite has no such trial.
-            OptionError: There is no suite to look in.
-        """
+        """Return a trial by its id in the suite, or as it is. Raises UnknownTrialError; OptionError without a suite."""
         if isinstance(trial, Trial):
             return trial
         if self._suite is None:

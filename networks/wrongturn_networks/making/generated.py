@@ -26,13 +26,8 @@ def generated_recipe(seed: int) -> Recipe:
     """Return the recipe of a town that is drawn from a seed; equal seeds give equal towns.
 
     The town is a grid with streets left out, so that its junctions have three or four arms. Places where two streets
-    meet become bends or straight streets, and there are no dead ends. Its name is ``generated-`` and the seed.
-
-    Args:
-        seed: any whole number from 0 on. Example: 7
-
-    Raises:
-        ValueError: the seed is negative.
+    meet become bends or straight streets, and there are no dead ends. Its name is ``generated-`` and the seed. Raises
+    ValueError if that is negative.
     """
     if seed < 0:
         raise ValueError(f"seed: is {seed}; give a whole number from 0 on")

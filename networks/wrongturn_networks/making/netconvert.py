@@ -33,11 +33,7 @@ def netconvert() -> Path:
 
 
 def build(recipe: Recipe, folder: Path) -> None:
-    """Write a town's folder: plain XML, net, scenery and manifest, with the same bytes each time.
-
-    Raises:
-        RuntimeError: netconvert is missing or rejects the recipe.
-    """
+    """Write a town's folder, with the same bytes each time. Raises RuntimeError if netconvert rejects the recipe."""
     folder.mkdir(parents=True, exist_ok=True)
     nodes, edges = folder / f"{recipe.name}.nod.xml", folder / f"{recipe.name}.edg.xml"
     nodes.write_text(plain_xml.nodes_xml(recipe), "utf-8")

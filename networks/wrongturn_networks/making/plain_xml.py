@@ -28,22 +28,14 @@ def nodes_xml(recipe: Recipe) -> str:
 def edges_xml(recipe: Recipe) -> str:
     """Return the ``.edg.xml`` of a recipe, with two edges for each street."""
     root = ET.Element("edges")
+    sizes = {"width": f"{LANE_WIDTH:.2f}", "sidewalkWidth": f"{SIDEWALK_WIDTH:.2f}", "speed": f"{SPEED:.2f}"}
     for street in recipe.streets:
         centreline = centreline_of(recipe, street)
         for start, end, line in ((street.start, street.end, centreline), (street.end, street.start, centreline[::-1])):
             edge = ET.SubElement(
                 root,
                 "edge",
-                {
-                    "id": f"{start}-{end}",
-                    "from": start,
-                    "to": end,
-                    "numLanes": "1",
-                    "width": f"{LANE_WIDTH:.2f}",
-                    "sidewalkWidth": f"{SIDEWALK_WIDTH:.2f}",
-                    "speed": f"{SPEED:.2f}",
-                    "spreadType": "right",
-                },
+                {"id": f"{start}-{end}", "from": start, "to": end, "numLanes": "1", **sizes, "spreadType": "right"},
             )
             if street.corners:
                 edge.set("shape", " ".join(f"{x:.2f},{y:.2f}" for x, y in line))

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from importlib.resources import files
 from typing import Final
 
-from wrongturn_judge.metrics import is_unsafe, is_unsafe_strict
 from wrongturn_networks.faults import find_fault
 from wrongturn_protocol import Command, FaultKind, JunctionType, Outcome, Reaction, Safety, Trial, Verdict
 from wrongturn_protocol.words import COMMANDS, EXITS, ending, name
@@ -29,12 +28,12 @@ SIDES: Final[Mapping[Safety, str]] = {Safety.SAFE: "safe", Safety.UNSAFE: "unsaf
 
 def side(outcome: Outcome) -> Safety:
     """Return what an outcome counts as in the strict column, which ranks."""
-    return Safety.UNSAFE if is_unsafe_strict(outcome) else outcome.verdict.safety
+    return Safety.UNSAFE if outcome.unsafe_strict else outcome.verdict.safety
 
 
 def counted(outcome: Outcome) -> str:
     """Return what an outcome counts as, in both columns."""
-    if is_unsafe_strict(outcome) and not is_unsafe(outcome):
+    if outcome.unsafe_strict and not outcome.verdict.unsafe:
         return "unsafe in the strict column only"
     return SIDES[side(outcome)]
 
@@ -59,7 +58,7 @@ def ended(outcome: Outcome) -> str:
     sentences = [VERDICTS[verdict]]
     if outcome.exit is not None and verdict.exited:
         sentences = [f"The car {_TURNS[outcome.exit]}, {_AS[verdict]}."]
-    if is_unsafe_strict(outcome) and not verdict.unsafe_strict:
+    if outcome.unsafe_strict and not verdict.unsafe_strict:
         sentences.append("On its way it drove on the oncoming lane.")
     if verdict not in {Verdict.ABORTED, Verdict.INVALID}:
         sentences.append(f"Verdict after {outcome.time:.1f} s.")

@@ -3,20 +3,12 @@
 The first picture takes longer: numba compiles the kernels, or reads them from its cache.
 """
 
-from wrongturn_sim.camera.pinhole import Camera
-from wrongturn_sim.camera.renderer import Renderer, render_batch
-from wrongturn_sim.camera.weathers import LOOKS, WeatherLook, look_of
-from wrongturn_sim.camera.world import World
-from wrongturn_sim.errors import CameraError, UnknownWeatherError
-
-__all__ = [
-    "LOOKS",
-    "Camera",
-    "CameraError",
-    "Renderer",
-    "UnknownWeatherError",
-    "WeatherLook",
-    "World",
-    "look_of",
-    "render_batch",
-]
+from wrongturn_sim.camera.pinhole import Camera as Camera
+from wrongturn_sim.camera.renderer import Renderer as Renderer
+from wrongturn_sim.camera.renderer import render_batch as render_batch
+from wrongturn_sim.camera.weathers import LOOKS as LOOKS
+from wrongturn_sim.camera.weathers import WeatherLook as WeatherLook
+from wrongturn_sim.camera.weathers import look_of as look_of
+from wrongturn_sim.camera.world import World as World
+from wrongturn_sim.errors import CameraError as CameraError
+from wrongturn_sim.errors import UnknownWeatherError as UnknownWeatherError

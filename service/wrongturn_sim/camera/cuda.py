@@ -84,15 +84,6 @@ class DeviceImages:
         return DeviceImages(fresh)
 
 
-def require_gpu() -> None:
-    """Raise CameraError, which names the remedy, if there is no GPU that numba can use."""
-    if not device.is_available():
-        raise CameraError(
-            "backend: 'cuda' finds no GPU; it needs an NVIDIA GPU, its driver and `pip install numba-cuda[cu13]` (or "
-            "[cu12], as the driver is), or give backend='cpu'"
-        )
-
-
 class CudaRenderer:
     """A camera in a world, for many cars that do not see each other; each may have other road users.
 
@@ -107,7 +98,11 @@ class CudaRenderer:
     def __init__(self, world: World, camera: Camera, number: int) -> None:
         if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 1:
             raise CameraError(f"number is {number!r}; give a whole number of pictures, 1 or more")
-        require_gpu()
+        if not device.is_available():
+            raise CameraError(
+                "backend: 'cuda' finds no GPU; it needs an NVIDIA GPU, its driver and `pip install numba-cuda[cu13]` "
+                "(or [cu12], as the driver is), or give backend='cpu'"
+            )
         self._camera = camera
         self._number = number
         self._looks: NDArray[np.float64] | None = None

@@ -2,7 +2,6 @@
 
 import itertools
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -42,12 +41,7 @@ def _fixed(world: World, camera: Camera, others: int) -> tuple[Any, ...]:
         users=np.zeros((others, COLUMNS)),
         canvas=np.zeros((camera.height, camera.width), np.uint32),
     )
-    return camera.packed(), *Scene(world.ground, world.frame, world.scenery, _shops(), clouds()), *scratch
-
-
-@cache
-def _shops() -> Numbers:
-    return shop_colours()
+    return camera.packed(), *Scene(world.ground, world.frame, world.scenery, shop_colours(), clouds()), *scratch
 
 
 class Renderer:
@@ -55,11 +49,7 @@ class Renderer:
 
     Use one renderer for each thread: it reuses the arrays that it paints with. The camera is the benchmark's by
     default, the weather one of CARLA's presets, such as ``"WetNoon"``. ``seed`` is that of the rain; an episode takes
-    its trial's.
-
-    Raises:
-        UnknownWeatherError: the weather does not exist.
-        CameraError: the seed is not a whole number.
+    its trial's. Raises UnknownWeatherError, and CameraError if the seed is not a whole number.
     """
 
     def __init__(

@@ -3,6 +3,7 @@
 import math
 import random
 from collections.abc import Iterable
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -92,6 +93,7 @@ def rows_of(scenery: Iterable[SceneryObject]) -> NDArray[np.float64]:
     return np.array(rows) if rows else np.zeros((0, COLUMNS))
 
 
+@cache
 def shop_colours() -> NDArray[np.float64]:
     """Return the colours of shop signs, (N, 3), 0 to 255."""
     return np.array(_SHOPS, np.float64)

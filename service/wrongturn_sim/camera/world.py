@@ -26,8 +26,6 @@ _KNOWN: dict[str, "World"] = {}
 class World:
     """Ground and scenery of a town. The arrays are read-only."""
 
-    name: str
-    sha256: str
     ground: NDArray[np.uint8]
     """(rows, columns), from south to north and from west to east; see :mod:`~wrongturn_sim.camera.ground`."""
     frame: NDArray[np.float64]
@@ -57,7 +55,7 @@ class World:
             made, ground = bake(town)
             frame = np.array([made.x, made.y, 1.0 / CELL])
             _write(file, frame, ground)
-        return cls(town.name, town.sha256, ground, frame, rows_of(town.scenery))
+        return cls(ground, frame, rows_of(town.scenery))
 
 
 def _write(file: Path, frame: NDArray[np.float64], ground: NDArray[np.uint8]) -> None:

@@ -36,7 +36,6 @@ from wrongturn_sim.fleet.headway import WAITING
 from wrongturn_sim.fleet.others import USER
 from wrongturn_sim.fleet.tables import FleetTables, egos_for, with_rows
 from wrongturn_sim.fleet.traffic import FleetTraffic, check_density, with_room
-from wrongturn_sim.replay import Replay
 from wrongturn_sim.roads import roads_of
 from wrongturn_sim.route import guidance_of, start_pose, start_route
 
@@ -46,7 +45,6 @@ _COMPILED: Final[dict[type[CommandFault], int]] = {
     Infeasible: kernel.FAULT_INFEASIBLE,
 }
 """Faults that the kernel delivers itself, for speed. Any other fault is asked in Python, one ego at a time."""
-_PRIVILEGED: Final = ("pose", "lane", "stop_line", "exits", "exits_mask", "road_users", "road_users_count")
 _ROUNDING: Final = 1e-6
 """A number of sub-steps that is too great by this much is that number: quotients of 0.05 s are not exact in binary."""
 _PICTURES: Final = ("rgb", "segmentation")
@@ -94,21 +92,15 @@ class Fleet:
         self.trials: list[Trial | None] = [None] * count
         self._faults: list[CommandFault | None] = [None] * count
         self._roads = roads_of(town)
-        self._tables = FleetTables(town, traffic=traffic is not None, drive_on=self._drive_on)
+        self._tables = FleetTables(town, self._drive_on)
         self.observation: Observation = {
             field.name: np.zeros((count, *field.shape), field.dtype)
             for field in FIELDS[track]
             if field.name not in _PICTURES
         }
         """(n, ...) for each key except pictures; each step overwrites it."""
-        empty = {
-            field.name: np.zeros((0, *field.shape), field.dtype)
-            for field in FIELDS[Track.PRIVILEGED]
-            if field.name in _PRIVILEGED
-        }
-        self._observations = kernel.Observations(
-            **{name: (empty | self.observation)[name] for name in kernel.Observations._fields}
-        )
+        empty = {field.name: np.zeros((0, *field.shape), field.dtype) for field in FIELDS[Track.PRIVILEGED]}
+        self._observations = kernel.Observations(**(empty | self.observation))
         self._egos = egos_for(count)
         self._met: list[list[tuple[RoadUser, ...]]] = [[] for _ in range(count)]
         edges = np.linspace(0, count, min(threads, count) + 1).astype(int).tolist()
@@ -181,19 +173,21 @@ class Fleet:
     def begin(self, trials: Iterable[tuple[int, Trial]]) -> None:
         """Begin trials, each given with the number of its ego.
 
-        Raises:
-            TrialNotAloneError: a trial has another town, or other road users although the fleet has no traffic.
-            TrafficTooDenseError: the town has no room for so many road users.
-            FaultNotApplicableError: the fault is not built yet, or cannot be applied to the trial.
-            GeometryMismatchError: a journey's goal is not in the town.
-            UnknownApproachError: the town has no such approach.
+        Raises TrialNotAloneError if a trial has another town, or other road users although the fleet has no traffic;
+        TrafficTooDenseError and FaultNotApplicableError as Episode; GeometryMismatchError or UnknownApproachError if a
+        journey's goal or the approach is not in the town.
         """
         # Check all trials first: after a refusal nothing has changed.
-        checked = [(i, self._checked(trial), make_fault(trial), self._terms_of(trial)) for i, trial in trials]
-        self._reserve([trial for _, trial, _, _ in checked])
+        checked = [(i, self._checked(trial), make_fault(trial)) for i, trial in trials]
+        terms = {
+            i: terms_of(JourneyGeometry.of(self.town), trial, strict=self.strict)
+            for i, trial, _ in checked
+            if trial.journey is not None
+        }
+        self._reserve([trial for _, trial, _ in checked])
         egos = self._egos
-        chosen = [i for i, _, _, _ in checked]
-        for i, trial, fault, terms in checked:
+        chosen = [i for i, _, _ in checked]
+        for i, trial, fault in checked:
             self.trials[i] = trial
             self._faults[i] = fault
             egos.approaches[i] = self._tables.row_of(trial)
@@ -204,8 +198,8 @@ class Fleet:
             egos.goals[i] = 0 if journey is None else self._tables.goal_of(journey.goal)
             egos.state[i] = (*start_pose(self.town, trial), trial.start.speed, 0.0)
             egos.draws[i] = start_route(self._roads, self.town, trial, egos.progress[i])
-            if terms is not None:
-                egos.terms[i] = terms
+            if i in terms:
+                egos.terms[i] = terms[i]
             if self._traffic is not None:
                 self._traffic.set(egos.others, i, trial)
             self._met[i] = []
@@ -246,7 +240,7 @@ class Fleet:
         trial, row = self.trials[i], self._egos.judged[i]
         if trial is None or not self._judged("verdict")[i]:
             return None
-        geometry = self._tables.geometry(int(self._egos.approaches[i]))
+        geometry = self._tables.geometries[int(self._egos.approaches[i])]
         if isinstance(geometry, JourneyGeometry):
             return conclude_journey(row, trial)
         return conclude(row, trial, geometry, THRESHOLDS)
@@ -260,11 +254,7 @@ class Fleet:
         return {} if outcome is None else outcome.model_dump(mode="json", exclude_none=True)
 
     def record(self, i: int) -> Record:
-        """Return the record of an ego's episode so far.
-
-        Raises:
-            ValueError: the ego has begun no episode, or the fleet keeps no records.
-        """
+        """Return the record of an ego's episode so far. Raises ValueError if none has begun, or none is kept."""
         if not self._recording:
             raise ValueError("record: this environment keeps none; make it with record=True")
         trial = self.trials[i]
@@ -288,6 +278,8 @@ class Fleet:
 
     def view(self, i: int) -> NDArray[np.uint8]:
         """Return a picture of an ego's moment for people, as ``Episode.view``. Raises ValueError as :meth:`record`."""
+        from wrongturn_sim.replay import Replay  # noqa: PLC0415 - OpenCV is slow, and only pictures need it
+
         record = self.record(i)
         decision = -(-int(self._egos.sub_steps[i]) // SUB_STEPS)
         command, route_command = self._egos.commands[i, decision].tolist()
@@ -311,14 +303,8 @@ class Fleet:
                 "trial.traffic: the cars of one batch drive alone; take a trial without other road users, "
                 "or gymnasium.vector.AsyncVectorEnv of single environments"
             )
-        return trial
-
-    def _terms_of(self, trial: Trial) -> tuple[float, ...] | None:
-        """Return what ends a journey; None for a single junction."""
         self.town.approach(trial.approach)
-        if trial.journey is None:
-            return None
-        return terms_of(JourneyGeometry.of(self.town), trial, strict=self.strict)
+        return trial
 
     def _run(self) -> None:
         """Run the kernel for all egos, shared among the threads; this thread takes the first part."""

@@ -56,7 +56,7 @@ class Tables(NamedTuple):
     numbers: Array
     """Numbers of the judges: thresholds and body."""
     streets: Streets
-    """What the traffic knows of the town; without places if there is none."""
+    """What the traffic knows of the town."""
     drive_on: int
     """Number of sub-steps after which every drive ends, whatever its verdict; 0: each ends with its verdict."""
 

@@ -157,12 +157,3 @@ def _chain(walks: Sidewalks, left: dict[str, None]) -> list[tuple[str, bool]]:
             enters = walks.ends[other][0] == area
             chain.insert(len(chain) if forwards else 0, (other, enters if forwards else not enters))
     return chain
-
-
-def no_streets() -> Streets:
-    """Return empty arrays, for fleets without traffic."""
-    kinds = {"rules": np.uint8, "minor": np.bool_, "entries": np.int64, "walks": np.int64}
-    flat = {"minor", "speeds", "limits", "entries", "along"}
-    return Streets(
-        **{name: np.zeros(0 if name in flat else (0, 0), kinds.get(name, np.float64)) for name in Streets._fields}
-    )

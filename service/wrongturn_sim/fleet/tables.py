@@ -16,7 +16,7 @@ from wrongturn_sim import guide
 from wrongturn_sim.ego import SUB_STEPS
 from wrongturn_sim.fleet import kernel
 from wrongturn_sim.fleet.others import USER, others_for
-from wrongturn_sim.fleet.streets import no_streets, streets_of
+from wrongturn_sim.fleet.streets import streets_of
 from wrongturn_sim.roads import roads_of
 from wrongturn_sim.route import way_to
 
@@ -24,15 +24,15 @@ from wrongturn_sim.route import way_to
 class FleetTables:
     """The tables of a fleet in one town. They grow with the approaches and goals of its trials.
 
-    With ``traffic`` its streets have other road users. Each drive is over after ``drive_on`` sub-steps; 0 ends it with
-    its verdict.
+    Each drive is over after ``drive_on`` sub-steps; 0 ends it with its verdict.
     """
 
-    def __init__(self, town: Town, *, traffic: bool, drive_on: int) -> None:
-        self._town, self._traffic, self._drive_on = town, traffic, drive_on
+    def __init__(self, town: Town, drive_on: int) -> None:
+        self._town, self._drive_on = town, drive_on
         self._roads = roads_of(town)
         self._rows: dict[str, int] = {}
-        self._geometries: list[JudgeGeometry | JourneyGeometry] = []
+        self.geometries: list[JudgeGeometry | JourneyGeometry] = []
+        """The geometry of each row."""
         self._goals: dict[str | None, int] = {None: 0}
         self._packed = self._made()
 
@@ -42,13 +42,9 @@ class FleetTables:
         if name not in self._rows:
             geometry = JudgeGeometry.of(self._town, trial) if trial.journey is None else JourneyGeometry.of(self._town)
             # The geometry comes first: without it, a row that an interruption left would lead the kernel astray.
-            self._geometries.append(geometry)
-            self._rows[name] = len(self._geometries) - 1
+            self.geometries.append(geometry)
+            self._rows[name] = len(self.geometries) - 1
         return self._rows[name]
-
-    def geometry(self, row: int) -> JudgeGeometry | JourneyGeometry:
-        """Return the geometry of a row."""
-        return self._geometries[row]
 
     def goal_of(self, goal: str | None) -> int:
         """Return the row of the ways to a goal; add it if it is new."""
@@ -57,12 +53,12 @@ class FleetTables:
     @property
     def packed(self) -> kernel.Tables:
         """What the kernel reads. Approaches and goals that were added are in it."""
-        if len(self._packed.bases) <= len(self._geometries) or len(self._packed.ways) < len(self._goals):
+        if len(self._packed.bases) <= len(self.geometries) or len(self._packed.ways) < len(self._goals):
             self._packed = self._made()
         return self._packed
 
     def _made(self) -> kernel.Tables:
-        places = [geometry.packed for geometry in self._geometries]
+        places = [geometry.packed for geometry in self.geometries]
         sizes = np.array([(len(one.floats), len(one.ints), len(one.cells)) for one in places], np.int64).reshape(-1, 3)
         roads = self._roads
 
@@ -78,11 +74,11 @@ class FleetTables:
             ints=joined([one.ints for one in places], np.int64),
             cells=joined([one.cells for one in places], np.uint8),
             bases=np.concatenate([np.zeros((1, 3), np.int64), np.cumsum(sizes, axis=0)]),
-            lanes=joined([one.lanes for one in self._geometries if isinstance(one, JourneyGeometry)], np.int16),
+            lanes=joined([one.lanes for one in self.geometries if isinstance(one, JourneyGeometry)], np.int16),
             ways=np.array([way_to(self._town, goal) for goal in self._goals]),
             rests=np.array([self._rest(goal) for goal in self._goals]),
             numbers=numbers_of(),
-            streets=streets_of(self._town) if self._traffic else no_streets(),
+            streets=streets_of(self._town),
             drive_on=self._drive_on,
         )
 

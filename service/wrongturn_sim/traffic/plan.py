@@ -96,11 +96,7 @@ class TrafficPlan:
 
 
 def plan_traffic(town: Town, trial: Trial, start: Pose) -> TrafficPlan | None:
-    """Draw the other road users of a trial; None if it has none. The place around the ego's start stays free.
-
-    Raises:
-        TrafficTooDenseError: the town has no room for so many.
-    """
+    """Draw the other road users of a trial, away from the ego's start; None for none. Raises TrafficTooDenseError."""
     if not (trial.traffic.vehicles or trial.traffic.pedestrians):
         return None
     time_limit = 0.0

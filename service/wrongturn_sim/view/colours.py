@@ -4,7 +4,6 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from wrongturn_protocol import Safety
 
@@ -36,12 +35,8 @@ _BRIGHTEST: Final = 0.92
 """Share of the scale that is used: its last yellows are too pale on a light ground."""
 
 
-def _scale() -> NDArray[np.uint8]:
-    steps = np.linspace(0, 255 * _BRIGHTEST, 256).astype(np.uint8)
-    return np.asarray(cv2.applyColorMap(steps[:, None], cv2.COLORMAP_PLASMA)[:, 0, ::-1], np.uint8)
-
-
-SPEEDS: Final[NDArray[np.uint8]] = _scale()
+_STEPS: Final = np.linspace(0, 255 * _BRIGHTEST, 256).astype(np.uint8)
+SPEEDS: Final = np.asarray(cv2.applyColorMap(_STEPS[:, None], cv2.COLORMAP_PLASMA)[:, 0, ::-1], np.uint8)
 """(256, 3): colours from standing to the fastest."""
 
 

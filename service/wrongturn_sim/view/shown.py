@@ -28,10 +28,7 @@ def show(
     ``view`` is what the film (``.mp4`` or ``.webp``) shows. ``size`` is the side of the view from above in pixels, 720
     for films and 1000 for pictures (``.png``) by default.
 
-    Raises:
-        TrajectoryError: The bytes are not a trajectory.
-        UnknownTownError: The town is not installed here.
-        ViewError: A file cannot be written or its name ends wrongly, or the size is too small or too large.
+    Raises what Replay raises, and ViewError if a file cannot be written, its name ends wrongly or the size is wrong.
     """
     if video is not None:
         check_film(video)
@@ -51,13 +48,7 @@ def show(
 
 
 def plot(trajectory: bytes, outcome: Outcome | None) -> "Figure":
-    """Return a matplotlib figure of an episode, given by its trajectory's canonical JSON.
-
-    Raises:
-        TrajectoryError: The bytes are not a trajectory.
-        UnknownTownError: The town is not installed here.
-        DependencyMissingError: matplotlib is missing.
-    """
+    """Return the figure of :meth:`Replay.plot`, from a trajectory's canonical JSON; raises what Replay raises."""
     return Replay.from_json(trajectory, outcome).plot()
 
 
