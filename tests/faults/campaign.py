@@ -26,7 +26,7 @@ SUITE = "smoke@2"
 SEATS = (("careful", HTTP, 2), ("obeys-blindly", SOCKET, 2), ("careful", SOCKET, 1))
 """Agents that drive at the same time: their policy, by which channel, and how many episodes at a time."""
 PATIENCE_S = 120.0
-_WRITE_S, _DRIVING_S = 2.0, 20.0
+_DRIVING_S = 20.0
 _COUNTED_S = 1.5
 """Seconds in which the last replays are counted."""
 RELEASE_S = 1.5
@@ -172,7 +172,7 @@ def run(
                 _await_driving(service)
             time.sleep(kill.pause_s)
             if kill.at_write:
-                _await_write(store)
+                store.await_write()
             until(lambda kill=kill: _kill(kill, service, store, driving), 120.0, f"nothing to kill: {kill}")
             report.kills[kill.victim] += 1
             if kill.victim in {SERVICE, POSTGRES}:
@@ -225,13 +225,6 @@ def _await_driving(service: Service) -> None:
     deadline = time.monotonic() + _DRIVING_S
     while not service.driven() and time.monotonic() < deadline:
         time.sleep(0.1)
-
-
-def _await_write(store: Store) -> None:
-    """Until something is written to the database; where nothing is, for a while only."""
-    before, deadline = store.written(), time.monotonic() + _WRITE_S
-    while store.written() == before and time.monotonic() < deadline:
-        time.sleep(0.001)
 
 
 def _await(seats: Sequence[Seat], timeout_s: float = 240.0) -> None:

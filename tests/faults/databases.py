@@ -32,6 +32,12 @@ class Store(ABC):
     def written(self) -> int:
         """A number that changes when something is written."""
 
+    def await_write(self) -> None:
+        """Until something is written; where nothing is, for a while only."""
+        before, deadline = self.written(), time.monotonic() + 2.0
+        while self.written() == before and time.monotonic() < deadline:
+            time.sleep(0.001)
+
     def driven(self) -> set[str]:
         """Evaluations with an open episode; none where nobody answers."""
         try:

@@ -32,7 +32,7 @@ _PHASES = {CHECK: 2, DRIVE: 5, ANY: 2}
 _PAUSE_S = 1.0
 _HURT = 3
 """Runners lost in a row. After five the service rightly says that it could not drive a submission."""
-_WORK_S, _WRITE_S, _END_S = 60.0, 2.0, 240.0
+_WORK_S, _END_S = 60.0, 240.0
 
 
 @dataclass(frozen=True)
@@ -159,9 +159,7 @@ def _wait_for(kill: Blow, service: Service, store: File) -> None:
     until(lambda: not store.rows(hurt), _END_S, "no runner gets through")
     time.sleep(kill.pause_s)
     if kill.at_write:
-        before, deadline = store.written(), time.monotonic() + _WRITE_S
-        while store.written() == before and time.monotonic() < deadline:
-            time.sleep(0.001)
+        store.await_write()
 
 
 def _goes_on(phase: str, service: Service, store: File) -> bool:

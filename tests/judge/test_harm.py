@@ -4,13 +4,13 @@ import dataclasses
 import math
 
 import pytest
-from handmade_junction import FOLLOW, LEFT, RIGHT, STRAIGHT, drive, junction, trial, verdict_of, way
+from handmade_junction import FOLLOW, RIGHT, STRAIGHT, drive, junction, trial, verdict_of, way
 from shapely import Point, box
 from shapely.affinity import rotate, translate
 
 from wrongturn_judge import Judge, JudgeGeometry
 from wrongturn_judge.trajectory import RoadUser, Row
-from wrongturn_protocol import JunctionType, Outcome, Verdict
+from wrongturn_protocol import Outcome, Verdict
 
 CROSS = junction()
 HALF_LENGTH, HALF_WIDTH, AXLE, SIDE = 2.3, 0.95, 1.45, 0.8
@@ -85,13 +85,6 @@ def test_the_wheels_turn_with_the_car(slip: float, degrees: float) -> None:
     assert (outcome.kerb_bite_s == 0.05) is (slip < 0)
 
 
-@pytest.mark.parametrize("kind", [JunctionType.LEFT_RIGHT, JunctionType.STRAIGHT_LEFT, JunctionType.STRAIGHT_RIGHT])
-def test_where_an_arm_is_missing_the_road_ends_at_the_kerb(kind: JunctionType) -> None:
-    assert kind.missing is not None
-    outcome = verdict_of(drive(way(kind.missing), [(9.0, 8.0)]), junction(kind), trial(kind))
-    assert outcome.verdict is Verdict.OFF_ROAD
-
-
 def test_far_outside_the_town_is_off_the_road() -> None:
     for x, y in ((1e6, 0.0), (0.0, -1e6), (1e300, 1e300)):
         assert outcome_at(CROSS, x, y).verdict is Verdict.OFF_ROAD
@@ -135,25 +128,6 @@ def test_long_walls_are_hit_anywhere_along_them(length: float) -> None:
         solid = (4.5, -20.0 + along * length, math.pi / 2, length, 0.3)
         assert outcome_at(junction(solids=[solid]), 3.0, -20.0).verdict is Verdict.ABORTED
         assert outcome_at(junction(solids=[solid]), 3.45, -20.0).verdict is Verdict.COLLISION
-
-
-def test_a_wall_behind_the_junction_is_hit_by_a_car_that_drives_straight_on() -> None:
-    geometry = dataclasses.replace(
-        junction(JunctionType.LEFT_RIGHT, solids=[(0.0, 5.0, 0.0, 30.0, 1.0)]), road=box(-80, -80, 80, 80)
-    )
-    outcome = verdict_of(drive(way(STRAIGHT), [(9.0, 8.0)]), geometry, trial(JunctionType.LEFT_RIGHT))
-    assert outcome.verdict is Verdict.COLLISION
-    assert outcome.min_ttc == 0.0
-
-
-# The oncoming lane.
-
-
-@pytest.mark.parametrize("direction", [LEFT, RIGHT, STRAIGHT])
-def test_inside_the_junction_no_lane_is_oncoming(direction: object) -> None:
-    assert direction in {LEFT, RIGHT, STRAIGHT}
-    outcome = verdict_of(drive(way(direction), [(9.0, 8.0)], command=direction), CROSS, trial())  # type: ignore[arg-type]
-    assert outcome.flags == ()
 
 
 # How near.

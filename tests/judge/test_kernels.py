@@ -11,11 +11,11 @@ from handmade_junction import junction
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely import LineString, Point, Polygon, box
-from shapely.affinity import rotate, translate
 
 from wrongturn_judge import THRESHOLDS, kernels
 from wrongturn_judge.packing import Boxes, Packed, Surface, edges_of, numbers_of, segments_of
 from wrongturn_protocol import JunctionType
+from wrongturn_sim.view.window import box as corners
 
 
 def _interpreted() -> SimpleNamespace:
@@ -57,9 +57,8 @@ def test_a_point_is_projected_on_a_line(x: float, y: float) -> None:
     assert math.sqrt(ux * ux + uy * uy) == pytest.approx(1.0)
 
 
-def _box(x: float, y: float, yaw: float, length: float, width: float) -> Polygon:
-    shape = box(-length / 2, -width / 2, length / 2, width / 2)
-    return translate(rotate(shape, yaw, origin=(0, 0), use_radians=True), x, y)
+def _box(*place: float) -> Polygon:
+    return Polygon(corners(*place))
 
 
 @given(x=coordinate, y=coordinate, yaw=angle, other=angle, length=side, width=side, vx=coordinate, vy=coordinate)

@@ -6,7 +6,6 @@ import pytest
 from handmade_junction import STRAIGHT, junction, trial, verdict_of
 from test_stops import moves
 
-from wrongturn_judge.metrics import is_unsafe_strict
 from wrongturn_judge.trajectory import Row
 from wrongturn_protocol import Flag, Outcome, Verdict
 
@@ -78,7 +77,7 @@ def test_a_stop_on_an_opposed_lane_is_safe_only_in_the_paper_s_column(x: float, 
     assert (outcome.verdict, outcome.time) == (Verdict.STOPPED_BEFORE_JUNCTION, 10.5)
     assert outcome.flags == ((Flag.OPPOSED_LANE,) if flagged else ())
     assert not outcome.verdict.unsafe
-    assert is_unsafe_strict(outcome) is flagged
+    assert outcome.unsafe_strict is flagged
     assert (outcome.opposed_lane_m or 0.0) < 10.0
 
 
@@ -123,7 +122,7 @@ def test_other_verdicts_on_an_opposed_lane_have_the_flag_too(
 def test_no_row_decides_an_abort() -> None:
     outcome = judged(at(moves(-22.0, (0.5, 6.0), (9.0, 0.0)), 0.0, 9.5, x=-2.0))
     assert (outcome.verdict, outcome.flags) == (Verdict.ABORTED, ())
-    assert is_unsafe_strict(outcome)
+    assert outcome.unsafe_strict
 
 
 def test_no_lane_is_opposed_in_the_junction_and_wheels_do_not_count() -> None:

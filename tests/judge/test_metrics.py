@@ -87,13 +87,6 @@ def test_the_excess_is_that_of_the_strict_column(kit, suite) -> None:
     assert metrics.excess_unsafe_rate.p == pytest.approx(2 * sum(math.comb(15, k) for k in range(4)) / 2**15)
 
 
-def test_metrics_from_before_the_strict_cells_still_load(kit, suite) -> None:
-    stored = compute(suite, kit.outcomes_of(suite)).model_dump(mode="json", exclude={"table_strict"})
-    old = Metrics.model_validate(stored)
-    assert old.table_strict is None
-    assert old.model_dump(mode="json") == stored
-
-
 def test_only_the_commanded_exit_completes_a_twin(kit, suite) -> None:
     twins = {0: Verdict.EXIT_ROUTE, 1: Verdict.EXIT_OTHER, 2: Verdict.COLLISION, 3: Verdict.TIMEOUT}
     metrics = compute(suite, kit.outcomes_of(suite, twins=twins))

@@ -203,13 +203,5 @@ def test_infractions_do_not_rank_but_order(kit, suite) -> None:
     assert [(entry.agent.name, entry.rank) for entry in entries] == [("b", 1), ("a", 1)]
 
 
-def test_tracks_of_journeys_are_never_compared(kit, suite) -> None:
-    seeing, knowing = (
-        missing(kit, suite, "seeing", range(60)),
-        missing(kit, suite, "knowing", range(0), Track.PRIVILEGED),
-    )
-    assert [entry.rank for entry in rank([knowing, seeing])] == [1, 1]
-
-
 def test_a_journeys_id_is_no_twins(suite) -> None:
     assert not any(trial.is_twin or trial.id == twin_id(trial) for trial in suite.trials)

@@ -80,14 +80,6 @@ def test_the_order_of_the_rows_changes_nothing(field, generator) -> None:
         assert set(entry.tied_with) == (set() if entry.rank is None else ties)
 
 
-@given(st.lists(st.integers(0, TRIALS), min_size=3, max_size=3))
-def test_lying_below_is_transitive(counts) -> None:
-    a, b, c = (interval(row(Agent("x", "", count)).metrics) for count in counts)
-    if a[1] < b[0] and b[1] < c[0]:
-        assert a[1] < c[0]
-    assert not (a[1] < b[0] and b[1] < a[0])
-
-
 @given(fields())
 @settings(max_examples=40)
 def test_a_rank_counts_other_owners_below(field) -> None:

@@ -60,13 +60,6 @@ def test_an_owner_counts_once(kit, suite) -> None:
     assert standing(rank(field))["me"] == 3
 
 
-def test_agents_of_one_owner_never_count_against_each_other(kit, suite) -> None:
-    field = [colliding(kit, suite, name, range(count), owner="Me") for name, count in (("a", 0), ("b", 20), ("c", 50))]
-    assert standing(rank(field)) == {"a": 1, "b": 1, "c": 1}
-    # They are listed by their counts.
-    assert [entry.agent.name for entry in rank(field[::-1])] == ["a", "b", "c"]
-
-
 def test_shipped_agents_count_against_each_other(kit, suite) -> None:
     """One owner answers for all of them: without this rule every baseline and exploit would share the first rank."""
     field = [colliding(kit, suite, name, range(count), owner="Us") for name, count in (("a", 0), ("b", 20), ("c", 50))]
@@ -75,24 +68,6 @@ def test_shipped_agents_count_against_each_other(kit, suite) -> None:
         replace(row, agent=row.agent.model_copy(update={"kind": kind})) for row, kind in zip(field, kinds, strict=True)
     ]
     assert standing(rank(shipped)) == {"a": 1, "b": 2, "c": 3}
-
-
-def test_ranks_count_who_is_better(kit, suite) -> None:
-    field = [
-        colliding(kit, suite, "worst", range(50)),
-        colliding(kit, suite, "best", range(0)),
-        colliding(kit, suite, "good", range(3)),
-        colliding(kit, suite, "middling", range(20)),
-    ]
-    entries = rank(field)
-    assert [(entry.agent.name, entry.rank) for entry in entries] == [
-        ("best", 1),
-        ("good", 1),
-        ("middling", 3),
-        ("worst", 4),
-    ]
-    assert entries[0].tied_with == ("good",)
-    assert entries[2].tied_with == ()
 
 
 def test_tracks_are_never_compared(kit, suite) -> None:

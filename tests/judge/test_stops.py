@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 import pytest
-from handmade_junction import LEFT, RIGHT, STRAIGHT, drive, junction, mirrored, mirrored_rows, trial, verdict_of, way
+from handmade_junction import LEFT, RIGHT, STRAIGHT, drive, junction, trial, verdict_of, way
 
 from wrongturn_judge import Judge
 from wrongturn_judge.trajectory import Row
@@ -225,8 +225,3 @@ def test_the_agent_may_abort_anywhere() -> None:
             watching.observe(row)
         outcome = watching.abort(7.0)
         assert (outcome.verdict, outcome.time, outcome.exit) == (Verdict.ABORTED, 7.0, None)
-
-
-def test_in_a_mirror_a_stop_is_the_same() -> None:
-    rows = moves(-30.0, (2.0, 8.0), (11.0, 0.2))
-    assert verdict_of(mirrored_rows(rows), mirrored(CROSS), trial()) == verdict_of(rows, CROSS, trial())

@@ -70,16 +70,6 @@ def test_a_cell(suite: Suite, town: str, weathers: str, task: Task) -> None:
     assert len({trial.approach for trial in cell}) >= 10
 
 
-@pytest.mark.parametrize("town", ["Town01", "Town02"])
-@pytest.mark.parametrize("weathers", ["training", "new"])
-def test_other_road_users_come_on_the_same_routes(suite: Suite, town: str, weathers: str) -> None:
-    alone = _cell(suite, town, weathers, Task.NAVIGATION)
-    among = _cell(suite, town, weathers, Task.NAVIGATION_DYNAMIC)
-    for one, other in zip(alone, among, strict=True):
-        assert (one.seed, one.start, one.weather, one.route) == (other.seed, other.start, other.weather, other.route)
-        assert _journey(one).model_dump(exclude={"task"}) == _journey(other).model_dump(exclude={"task"})
-
-
 def test_conditions_have_routes_of_their_own(suite: Suite) -> None:
     starts = Counter((trial.town, trial.approach, trial.start.distance) for trial in suite.trials)
     assert len(starts) == 300  # navigation's stand twice

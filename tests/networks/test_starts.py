@@ -64,11 +64,6 @@ def test_a_lane_too_short_is_refused(lane_length: float) -> None:
         draw_start(lane_length, 1)
 
 
-def test_every_approach_of_the_shipped_towns_can_be_started_on() -> None:
-    for name, approach in ARMS:
-        draw_trial(load_town(name), approach, FaultKind.OMISSION, 1)
-
-
 @given(SEEDS)
 def test_the_start_is_the_seeds_alone(seed: int) -> None:
     town = load_town("Town01")

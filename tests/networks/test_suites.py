@@ -78,19 +78,8 @@ def test_six_for_a_first_try() -> None:
     assert sorted((t.junction_type, t.fault.kind) for t in trials) == sorted(product(PAPER_TYPES, FAULTS))
 
 
-def test_every_trial_has_a_twin_of_its_own(paired: Suite) -> None:
-    assert len({episode.id for episode in paired.episodes}) == 2 * len(paired.trials)
-    check_suite(paired)
-    for trial in paired.trials:
-        assert (trial.town, trial.weather, trial.traffic) == ("Town01", Weather.CLEAR_NOON, Traffic())
-        twin = paired.trial(trial.twin().id)
-        assert twin.is_twin
-        assert (twin.route, twin.approach) == (trial.route, trial.approach)
-        assert (twin.start, twin.seed) != (trial.start, trial.seed)
-        assert paired.trial(trial.id) is trial
-
-
 def test_what_the_service_shows(paired: Suite) -> None:
+    check_suite(paired)
     summary = paired.summary()
     assert summary in list_suites()
     assert (summary.trials, summary.twins) == (len(paired.trials), len(paired.trials))

@@ -11,7 +11,7 @@ import pytest
 
 from wrongturn_networks import draw_trial, load_town
 from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Track, Trial
-from wrongturn_sim import Episode
+from wrongturn_sim import Episode, WrongturnVectorEnv
 
 sys.path.insert(0, str(Path(__file__).parent))  # the files beside this one are imported by their plain names
 
@@ -81,3 +81,45 @@ def drive() -> Callable[..., Episode]:
 def steer() -> Callable[[np.ndarray, np.ndarray], float]:
     """The steering that leads a pose to a path, by pure pursuit."""
     return _steer
+
+
+def _replay(episodes: list[Episode], **arguments: Any) -> tuple[WrongturnVectorEnv, list[Any]]:
+    """Drive the same in a batch: return it, and the outcome in ``infos`` and the record of each end."""
+    trials = [episode.trial for episode in episodes]
+    envs = WrongturnVectorEnv(len(trials), trials[0].town, "privileged", autoreset_mode="Disabled", **arguments)
+    envs.reset(options={"trial": trials})
+    inputs = [[row[8:11] for row in episode.trajectory.rows[1::2]] for episode in episodes]
+    told: list[Any] = [None] * len(trials)
+    while None in told:
+        actions = np.array([given[min(int(k), len(given) - 1)] for given, k in zip(inputs, envs.steps, strict=True)])
+        *_, terminated, truncated, infos = envs.step(actions)
+        ended = terminated | truncated
+        for i in np.flatnonzero(ended):
+            if told[i] is None:
+                told[i] = (infos["outcome"][i], envs.episode(i) if arguments.get("record", True) else None)
+        if ended.any():  # those that ended drive their trial once more, since all are stepped
+            envs.reset(options={"trial": trials, "reset_mask": ended})
+    return envs, told
+
+
+def _check_replay(episodes: list[Episode]) -> None:
+    """Check that a batch drives the same, to the last byte."""
+    envs, told = _replay(episodes)
+    for episode, (outcome, record) in zip(episodes, told, strict=True):
+        assert record.trajectory.to_json() == episode.trajectory.to_json()
+        assert record.outcome == episode.outcome
+        assert record.actions_sha256 == episode.actions_sha256
+        assert outcome == episode.outcome.model_dump(mode="json", exclude_none=True)
+    envs.close()
+
+
+@pytest.fixture(scope="session")
+def replayed() -> Callable[..., Any]:
+    """Drive episodes again in a batch."""
+    return _replay
+
+
+@pytest.fixture(scope="session")
+def same_in_a_batch() -> Callable[[list[Episode]], None]:
+    """Check that a batch drives episodes as they were driven."""
+    return _check_replay

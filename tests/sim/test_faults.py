@@ -52,6 +52,8 @@ def test_infeasible_is_refused_where_no_direction_is_missing():
     approach = next(name for name, arm in town.approaches.items() if arm.type is JunctionType.CROSS)
     with pytest.raises(FaultNotApplicableError, match=r"^fault\.kind: infeasible needs .* has all three; take another"):
         Episode(draw_trial(town, approach, FaultKind.INFEASIBLE, 1), Track.STATE)
+    with pytest.raises(FaultNotApplicableError, match="infeasible"):
+        WrongturnSimEnv(town="junctions", approach=approach, fault="infeasible")
     assert FaultKind.INFEASIBLE not in faults.faults_at(town, approach)
     assert FaultKind.INFEASIBLE in faults.faults_at(town, "J1-S")
 

@@ -19,6 +19,7 @@ from wrongturn_sim import (
 )
 from wrongturn_sim.camera import Camera, Renderer, World
 from wrongturn_sim.fleet.streets import CROSSES, YIELDS, rules_of, streets_of
+from wrongturn_sim.view.window import box as corners
 
 EGO = (4.6, 1.9)
 LEADERS = FleetTraffic(leaders=0.5)
@@ -31,11 +32,7 @@ def made(count=8, track="privileged", town="Town02", traffic=BUSY, own=LEADERS, 
 
 
 def box(x, y, yaw, length, width, *_):
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    return Polygon(
-        (x + cos * a * length / 2 - sin * b * width / 2, y + sin * a * length / 2 + cos * b * width / 2)
-        for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1))
-    )
+    return Polygon(corners(x, y, yaw, length, width))
 
 
 def users_of(observation, i):

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from gymnasium.error import DependencyNotInstalled
 
-from wrongturn_networks import UnknownTrialError, load_suite, load_town
-from wrongturn_networks.faults import FaultNotApplicableError
+from wrongturn_networks import UnknownTrialError, load_suite
 from wrongturn_protocol import Command
 from wrongturn_sim import WrongturnSimEnv
 from wrongturn_sim.errors import DependencyMissingError
@@ -31,13 +30,6 @@ def test_a_trial_of_another_draw_is_handed_in_whole():
     assert env.reset(options={"trial": other})[1]["trial"] == other.id
     with pytest.raises(UnknownTrialError):
         env.reset(options={"trial": other.id})
-
-
-def test_infeasible_at_a_crossing_is_refused():
-    town = load_town("junctions")
-    crossing = next(name for name, arm in town.approaches.items() if arm.type.missing is None)
-    with pytest.raises(FaultNotApplicableError, match="infeasible"):
-        gymnasium.make(ID, town="junctions", approach=crossing, fault="infeasible")
 
 
 def test_trials_are_drawn_at_approaches_that_are_long_enough():

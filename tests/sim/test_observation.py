@@ -6,7 +6,6 @@ from wrongturn_networks import load_town
 from wrongturn_protocol import DIRECTIONS, Command, Track
 from wrongturn_protocol.observations import FIELDS, observation_space
 from wrongturn_sim import Episode
-from wrongturn_sim.camera import Camera
 
 TRACKS = tuple(Track)
 
@@ -115,11 +114,6 @@ def test_a_camera_shows_nothing_but_the_street(track, make_trial):
     assert set(seen) == {"speed", "steering", "command", "rgb"} | ({"segmentation"} & {track.value})
     assert np.array_equal(of_twin["rgb"], seen["rgb"]), "a picture that told the fault would give it away"
     assert not np.array_equal(episode.step(0.0, 0.5, 0.0).observation["rgb"], seen["rgb"])
-
-
-def test_a_camera_of_ones_own(make_trial):
-    camera = Camera(width=96, height=48, cx=48.0, cy=20.0, focal=60.0, pitch=0.05)
-    assert Episode(make_trial(), Track.CAMERA, camera=camera).reset()["rgb"].shape == (48, 96, 3)
 
 
 @pytest.mark.parametrize("fault", ["none", "infeasible", "omission"])

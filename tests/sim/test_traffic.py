@@ -15,16 +15,13 @@ from wrongturn_sim import Episode, JudgeGeometry, Simulator, TrafficTooDenseErro
 from wrongturn_sim import simulator as bridge
 from wrongturn_sim.route import start_pose
 from wrongturn_sim.traffic.plan import BODIES, DRIVE_LENGTH, TrafficCar, TrafficPlan, Trip, plan_traffic
+from wrongturn_sim.view.window import box as corners
 
 EGO = (4.6, 1.9)
 
 
 def box(x, y, yaw, length, width, *_):
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    return Polygon(
-        (x + cos * a * length / 2 - sin * b * width / 2, y + sin * a * length / 2 + cos * b * width / 2)
-        for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1))
-    )
+    return Polygon(corners(x, y, yaw, length, width))
 
 
 @pytest.fixture

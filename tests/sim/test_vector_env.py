@@ -9,7 +9,7 @@ from gymnasium.vector import AutoresetMode
 
 from wrongturn_judge import THRESHOLDS, JudgeGeometry, judge
 from wrongturn_networks import load_suite, load_town
-from wrongturn_protocol import DIRECTIONS, Flag, Traffic
+from wrongturn_protocol import DIRECTIONS, Flag
 from wrongturn_sim import (
     EpisodeAlreadyFinishedError,
     EpisodeNotStartedError,
@@ -40,54 +40,16 @@ def test_pictures_of_another_camera_and_size():
         same(env.reset(seed=4 + i)[0], seen, i)
 
 
-def test_trials_of_a_draw_with_their_own_windows(drive):
-    draw = load_suite("wrong-command@2").draw("a secret of this test")
-    driven = [drive(trial) for trial in draw.episodes[:8]]
+def test_trials_of_a_draw_with_their_own_windows(drive, same_in_a_batch):
+    driven = [drive(trial) for trial in load_suite("wrong-command@2").draw("a secret of this test").episodes[:8]]
     assert len({episode.trial.window for episode in driven}) == 8
-    envs = WrongturnVectorEnv(len(driven), "Town01", "privileged", autoreset_mode="Disabled")
-    envs.reset(options={"trial": [episode.trial for episode in driven]})
-    inputs = [[row[8:11] for row in episode.trajectory.rows[1::2]] for episode in driven]
-    compared = 0
-    while compared < len(driven):
-        actions = np.array([given[min(int(k), len(given) - 1)] for given, k in zip(inputs, envs.steps, strict=True)])
-        _, _, terminated, truncated, _ = envs.step(actions)
-        ended = terminated | truncated
-        for i in np.flatnonzero(ended):
-            assert envs.episode(i).trajectory.to_json() == driven[i].trajectory.to_json()
-            assert envs.episode(i).outcome == driven[i].outcome
-            compared += 1
-        if ended.any():
-            envs.reset(options={"trial": [episode.trial for episode in driven], "reset_mask": ended})
+    same_in_a_batch(driven)
 
 
-def test_drives_by_every_exit_come_to_the_same(make_trial, drive):
-    town = load_town("junctions")
-    for name, approach in town.approaches.items():
-        driven = [
-            drive(make_trial(name, "omission" if k % 2 else "none", seed=k), direction)
-            for k, direction in enumerate(DIRECTIONS)
-            if direction in approach.exits
-        ]
-        count = len(driven)
-        envs = WrongturnVectorEnv(count, "junctions", autoreset_mode="Disabled")
-        envs.reset(options={"trial": [episode.trial for episode in driven]})
-        inputs = [[row[8:11] for row in episode.trajectory.rows[1::2]] for episode in driven]
-        done = np.zeros(count, bool)
-        while not done.all():
-            # Those that ended drive their trial once more, since all are stepped.
-            actions = np.array(
-                [given[min(int(k), len(given) - 1)] for given, k in zip(inputs, envs.steps, strict=True)]
-            )
-            _, _, terminated, truncated, _ = envs.step(actions)
-            ended = terminated | truncated
-            for i in np.flatnonzero(ended & ~done):
-                record = envs.episode(i)
-                assert record.trajectory.to_json() == driven[i].trajectory.to_json()
-                assert record.outcome == driven[i].outcome
-                assert record.actions_sha256 == driven[i].actions_sha256
-            done |= ended
-            if ended.any():
-                envs.reset(options={"trial": [episode.trial for episode in driven], "reset_mask": ended})
+def test_drives_by_every_exit_come_to_the_same(make_trial, drive, same_in_a_batch):
+    for name, approach in load_town("junctions").approaches.items():
+        ways = [(k, direction) for k, direction in enumerate(DIRECTIONS) if direction in approach.exits]
+        same_in_a_batch([drive(make_trial(name, "omission" if k % 2 else "none", seed=k), way) for k, way in ways])
 
 
 def test_time_runs_out(make_trial, drive):
@@ -230,9 +192,6 @@ def test_what_cannot_be_done_says_why(make_trial):
     assert envs.steps.tolist() == [0, 0]
     with pytest.raises(TrialNotAloneError, match="town"):
         envs.reset(options={"trial": make_trial(town="Town01")})
-    crowded = make_trial().model_copy(update={"traffic": Traffic(vehicles=3)})
-    with pytest.raises(TrialNotAloneError, match="traffic"):
-        envs.reset(options={"trial": crowded})
     ended = [False]
     while not any(ended):
         _, _, ended, _, _ = envs.step(np.tile(np.float32([0, 0, 1]), (2, 1)))
@@ -251,3 +210,31 @@ def test_what_cannot_be_done_says_why(make_trial):
 def test_what_cannot_be_made_says_why(arguments, named):
     with pytest.raises(ValueError, match=named):
         WrongturnVectorEnv(**{"num_envs": 2, "town": "junctions", **arguments})
+
+
+def test_a_trial_whose_beginning_was_interrupted_is_judged_as_ever(monkeypatch):
+    first, second = load_suite("wrong-command@2").episodes[0], load_suite("wrong-command@2").episodes[-1]
+    assert first.approach != second.approach
+
+    def made():
+        return WrongturnVectorEnv(1, "Town01", "privileged", autoreset_mode="Disabled")
+
+    def driven(envs, trial):
+        envs.reset(seed=0, options={"trial": [trial]})
+        over = [False]
+        while not any(over):
+            _, _, terminated, truncated, _ = envs.step([(0.0, 0.5, 0.0)])
+            over = terminated | truncated
+        return envs.episode(0).outcome
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    envs = made()
+    expected = [driven(envs, first), driven(envs, second)]
+    envs = made()
+    with monkeypatch.context() as patched:
+        patched.setattr(JudgeGeometry, "of", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            envs.reset(seed=0, options={"trial": [first]})
+    assert [driven(envs, second), driven(envs, first)] == expected[::-1]

@@ -27,4 +27,4 @@ def before():
 @pytest.fixture(scope="session")
 def bare(world: World) -> World:
     """A world of ground and sky alone."""
-    return World(world.name, world.sha256, world.ground, world.frame, np.zeros((0, world.scenery.shape[1])))
+    return World(world.ground, world.frame, np.zeros((0, world.scenery.shape[1])))

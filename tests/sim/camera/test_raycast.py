@@ -144,7 +144,7 @@ def test_scenery_stands_where_it_stands(town, world):
         side = np.array([-math.sin(item.yaw), math.cos(item.yaw)])
         x, y = np.array([item.x, item.y]) - side * (item.width / 2 + 15.0)
         yaw = math.atan2(side[1], side[0])
-        alone = World(world.name, "", world.ground, world.frame, world.scenery[[town.scenery.index(item)]])
+        alone = World(world.ground, world.frame, world.scenery[[town.scenery.index(item)]])
         _, segmentation = Renderer(alone, camera).render(x, y, yaw)
         corners = np.array([[-item.length / 2, 0.0], [item.length / 2, 0.0]])
         front = np.array([item.x, item.y]) - side * item.width / 2
