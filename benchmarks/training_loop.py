@@ -31,16 +31,36 @@ from wrongturn_agents.training.cars import training_cars
 from wrongturn_agents.training.method import find_method
 from wrongturn_agents.training.methods.ppo.ppo import WrongturnPPO
 from wrongturn_agents.training.methods.ppo.rollout import SeenVecEnv
-from wrongturn_agents.training.stopwatch import Stopwatch
 
 
 def made(algorithm: str, device: torch.device, threads: int, options: list[str]) -> WrongturnPPO:
     """An untrained agent and its environments, as a run begins with them."""
     config = find_method(algorithm).settings().with_options(options)
-    watch = Stopwatch(device)
     agent = build(algorithm, seed=1).to(device)
-    envs = SeenVecEnv(training_cars(None, device, settings=config, threads=threads, stopwatch=watch), agent, config)
-    return WrongturnPPO(config, envs, agent, Budget(10**9, None), watch, seed=1, device=device)
+    envs = SeenVecEnv(training_cars(None, device, settings=config, threads=threads), agent, config)
+    return WrongturnPPO(config, envs, agent, Budget(10**9, None), seed=1, device=device)
+
+
+def watched(ppo: WrongturnPPO, device: torch.device) -> dict[str, float]:
+    """Count the seconds of each part of Stable-Baselines3's loop from now on, in what is returned."""
+    seconds: dict[str, float] = {}
+
+    def watch(owner: Any, method: str, part: str) -> None:
+        work = getattr(owner, method)
+
+        def counted(*arguments: Any, **options: Any) -> Any:
+            found: list[Any] = []
+            took = timed(lambda: found.append(work(*arguments, **options)), device)
+            seconds[part] = seconds.get(part, 0.0) + took
+            return found[0]
+
+        setattr(owner, method, counted)
+
+    watch(ppo.env, "step", "env")
+    watch(ppo.policy, "forward", "policy")
+    watch(ppo.rollout_buffer, "add", "buffer")
+    watch(ppo, "train", "learn")
+    return seconds
 
 
 class PlainLoop:
@@ -131,20 +151,18 @@ def main() -> None:
     theirs.learn(1, log_interval=None)  # compiles, allocates
     loop.run(1)
     rates: dict[str, list[float]] = {"stable_baselines3": [], "plain": []}
-    parts: dict[str, float] = {}
+    parts, whole = watched(theirs, device), 0.0
     for _ in range(arguments.repeats):
-        theirs.stopwatch.lap()
         seconds = timed(lambda: theirs.learn(steps, log_interval=None, reset_num_timesteps=False), device)
         rates["stable_baselines3"].append(steps / seconds)
-        for part, value in theirs.stopwatch.lap().items():
-            parts[part] = parts.get(part, 0.0) + value
+        whole += seconds
         rates["plain"].append(steps / timed(lambda: loop.run(arguments.rollouts), device))
     found = {name: statistics.median(values) for name, values in rates.items()}
     print(f"{arguments.algorithm} on {device}, {theirs.config.num_envs} egos, {steps:,} steps a turn")
     for name, rate in found.items():
         print(f"  {name:18} {rate:10,.0f} steps/s (median of {arguments.repeats})")
     print(f"  the plain loop is faster by {found['plain'] / found['stable_baselines3'] - 1:.0%}")
-    whole = parts.pop("whole")
+    parts["rest"] = whole - sum(parts.values())
     shares = {part: value / whole for part, value in sorted(parts.items(), key=lambda item: -item[1])}
     print("  " + ", ".join(f"{part} {share:.0%}" for part, share in shares.items()))
     finish({"algorithm": arguments.algorithm, "device": str(device), "rates": rates, "shares": shares}, arguments)

@@ -21,6 +21,7 @@ from typing import Any, Final, NamedTuple
 
 import torch
 
+from lab.in_process import DrivenEpisode, drive_in_process
 from lab.studies import STUDIES, threads
 from lab.tables import Table
 from wrongturn_agents.errors import AgentsError
@@ -32,7 +33,6 @@ from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import sha256
-from wrongturn_agents.training.in_process import DrivenEpisode, drive_in_process
 from wrongturn_agents.training.method import find_method, load
 from wrongturn_agents.training.methods.doubting.exporting import write_doubting
 from wrongturn_networks import NetworkError, load_suite

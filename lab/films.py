@@ -17,6 +17,7 @@ from typing import Any, Final, NamedTuple
 
 from shapely import Point, Polygon
 
+from lab.in_process import DrivenEpisode, drive_in_process
 from lab.studies import read, threads, weights_sha256, write
 from lab.tables import OutdatedPageError, Row, Table, label_first
 from wrongturn_agents.errors import AgentsError, ResultsError
@@ -26,7 +27,6 @@ from wrongturn_agents.results_file import TrialResult
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.stored_results import STORED, Collection
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
-from wrongturn_agents.training.in_process import DrivenEpisode, drive_in_process
 from wrongturn_client.episode_calls import action_of
 from wrongturn_networks import load_suite, load_town
 from wrongturn_protocol import Condition, FaultKind, JunctionType, Outcome, Task, Trial, Verdict, View

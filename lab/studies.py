@@ -23,6 +23,7 @@ from statistics import fmean, variance
 from typing import Any, Final
 
 from lab.curves import LAB
+from lab.in_process import drive_in_process
 from lab.tables import Row, Table, count_unsafe, label
 from wrongturn_agents.agent_code import checksums
 from wrongturn_agents.errors import AgentsError, RunFileError
@@ -36,7 +37,6 @@ from wrongturn_agents.saved_run import directory as saved_runs
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.stored_results import STORED, Collection, table_order
 from wrongturn_agents.suites import WRONG_COMMAND
-from wrongturn_agents.training.in_process import drive_in_process
 from wrongturn_judge import THRESHOLDS, Thresholds, judge_of
 from wrongturn_networks import load_suite, load_town
 from wrongturn_protocol import FaultKind, RunFile, Trial

@@ -13,7 +13,6 @@ from torch import Tensor
 
 from wrongturn_agents.training.action import ACTION_SPACE, controls
 from wrongturn_agents.training.drives_config import CarsConfig, DrivesConfig
-from wrongturn_agents.training.stopwatch import Stopwatch
 from wrongturn_agents.training.vec_env import WrongturnVecEnv
 from wrongturn_protocol import TRAINING_WEATHERS, Task, Traffic
 from wrongturn_sim import FleetTraffic, WrongturnVectorEnv
@@ -48,7 +47,6 @@ class DrivingVecEnv(WrongturnVecEnv):
         settings: divisor of the reward, penalties and costs.
         keys: keys of the observation to return, in this order; all by default.
         device: device of the tensors.
-        stopwatch: counts rendering as ``render`` and the rest as ``env``.
         options: options of the vectorised environment. With ``backend="cuda"`` pictures are rendered on the device and
             never leave it.
     """
@@ -60,12 +58,10 @@ class DrivingVecEnv(WrongturnVecEnv):
         *,
         keys: Sequence[str] | None = None,
         device: torch.device | str = "cpu",
-        stopwatch: Stopwatch | None = None,
         **options: Any,
     ) -> None:
         super().__init__(num_envs, copy=False, **options)
         self.device = torch.device(device)
-        self.stopwatch = stopwatch or Stopwatch(self.device)
         whole: Any = self.envs.single_observation_space
         self.keys = tuple(whole if keys is None else keys)
         self.observation_space = spaces.Dict({key: whole[key] for key in self.keys})
@@ -74,14 +70,12 @@ class DrivingVecEnv(WrongturnVecEnv):
         self._penalties = dict.fromkeys(FAILURES, settings.failure_penalty) | {STANDING: settings.standing_penalty}
         self._penalties[COLLISION] += settings.collision_penalty
         self._returns, self._lengths = np.zeros(num_envs), np.zeros(num_envs, np.int64)
-        self._watch_pictures()
 
     def reset(self) -> Observations:
         """Start new drives."""
         self._returns[:] = 0.0
         self._lengths[:] = 0
-        with self.stopwatch.part("env"):
-            return self._tensors(super().reset())
+        return self._tensors(super().reset())
 
     def step_wait(self) -> VecEnvStepReturn:
         """Drive on for 0.1 s with the (n, 2) actions, steer and accelerate.
@@ -90,9 +84,8 @@ class DrivingVecEnv(WrongturnVecEnv):
             RuntimeError: there are no actions.
         """
         actions = controls(self._take_actions())
-        with self.stopwatch.part("env"):
-            observation, rewards, terminated, truncated, found = self.envs.step(actions)
-            tensors = self._tensors(observation)
+        observation, rewards, terminated, truncated, found = self.envs.step(actions)
+        tensors = self._tensors(observation)
         ended = terminated | truncated
         self._returns += rewards
         self._lengths += 1
@@ -129,19 +122,6 @@ class DrivingVecEnv(WrongturnVecEnv):
         """Return copies on the device, because the next step overwrites the arrays."""
         return {key: torch.as_tensor(observation[key], device=self.device).clone() for key in self.keys}
 
-    def _watch_pictures(self) -> None:
-        """Count the camera's work as ``render``."""
-        camera = getattr(self.envs, "_camera", None)
-        if camera is None:
-            return
-        render = camera.render
-
-        def timed(*args: Any, **kwargs: Any) -> None:
-            with self.stopwatch.part("render"):
-                render(*args, **kwargs)
-
-        camera.render = timed
-
 
 def training_cars(
     num_envs: int | None = None,
@@ -152,7 +132,6 @@ def training_cars(
     keys: Sequence[str] | None = None,
     threads: int | None = None,
     seed: int | None = None,
-    stopwatch: Stopwatch | None = None,
     **options: Any,
 ) -> DrivingVecEnv:
     """Make cars that cruise about Town01 in the training weathers, with correct commands and the shipped curriculum.
@@ -174,7 +153,6 @@ def training_cars(
         keys: keys of the observation to return; by default the settings' keys, or all of a track that you name.
         threads: threads that share the simulation; all cores by default.
         seed: seed of the first ``reset``: car ``i`` draws from ``seed + i``.
-        stopwatch: counts rendering as ``render`` and the rest as ``env``.
         options: further options of :class:`~wrongturn_sim.WrongturnVectorEnv`, such as ``town``.
     """
     config = settings or DrivesConfig()
@@ -186,7 +164,6 @@ def training_cars(
         config,
         keys=keys or (config.keys if track is None else None),
         device=device,
-        stopwatch=stopwatch,
         track=track or config.track,
         threads=threads or len(os.sched_getaffinity(0)),
         **given,

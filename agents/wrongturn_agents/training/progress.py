@@ -15,12 +15,11 @@ COLUMNS: Final = (
     *("step", "minutes", "reward_mean", "episode_length", "reward_per_decision"),
     *("off_road", "collision", "wrong_way", "not_engaged", "timeout"),
     *("success_heldout", "clean_heldout", "reward_heldout", "traffic_success_heldout", "steps_per_second"),
-    *(f"seconds_{part}" for part in ("env", "render", "encode", "policy", "buffer", "learn", "evaluate", "rest")),
     *("learning_rate", "divergence", "reverted", "epochs", "minibatches", "clip_fraction"),
     *("policy_loss", "value_loss", "auxiliary_loss", "explained_variance", "std_steer", "std_accelerate"),
 )
 """Columns of the methods that learn by driving. Rewards are the paper's, for an episode or a decision. Verdicts are
-shares of the episodes that ended. Seconds are those of the row.
+shares of the episodes that ended.
 """
 Row = dict[str, Any]
 """Figures of a row by column."""
@@ -42,7 +41,7 @@ class ProgressFile:
         try:
             kept = [] if resumed_at is None else [row for row in read_rows(path) if int(row["step"]) <= resumed_at]
             with path.open("w", newline="", encoding="utf-8") as file:
-                writer = csv.DictWriter(file, columns, restval="")
+                writer = csv.DictWriter(file, columns, restval="", extrasaction="ignore")
                 writer.writeheader()
                 writer.writerows(kept)
         except OSError as error:

@@ -34,7 +34,6 @@ from wrongturn_agents.training.held_out import (
 from wrongturn_agents.training.method import Method, find_method
 from wrongturn_agents.training.progress import ProgressFile, Row
 from wrongturn_agents.training.run_directory import BEST, ENCODER, LAST, STATE, Begun, check_resumed, held, read_state
-from wrongturn_agents.training.stopwatch import Stopwatch
 
 _SEEDS: Final = 2**32
 _EPISODES: Final = 100
@@ -121,7 +120,6 @@ class Run:
         device: device to learn on.
         threads: threads of the simulation.
         budget: steps and minutes.
-        stopwatch: counts the parts of the work, for the columns ``seconds_...``.
         given: what the method's ``prepare`` returned; None for a resumed run.
         state: what an interrupted run kept by :meth:`save_state`; None for a run that begins.
     """
@@ -132,7 +130,6 @@ class Run:
         self.method, self.begun, self.folder, self.device, self.threads = method, begun, folder, device, threads
         self.settings: Any = begun.settings
         self.seed, self.budget = begun.seed, budget
-        self.stopwatch = Stopwatch(device)
         self.given: Any = None
         self.state: dict[str, Any] | None = None
         self.on_row: Callable[[Row], None] = lambda _: None
@@ -142,7 +139,7 @@ class Run:
         self._verdicts: Counter[str] = Counter()
         self._recent: deque[tuple[float, int]] = deque(maxlen=_EPISODES)
         self._row_at = self._evaluated_at = 0
-        self._saved_at = budget.used
+        self._saved_at = self._shown_at = budget.used
 
     # ---- any method
 
@@ -162,13 +159,11 @@ class Run:
         self._part = part
         self.budget.begun = self.state["begun"] if self.state else self.budget.used
         self._rows = ProgressFile(self.folder / file, self.method.columns, resumed_at=steps if self.state else None)
-        self._row_at, self._saved_at = steps, self.budget.used
-        self.stopwatch.lap()
+        self._row_at, self._saved_at, self._shown_at = steps, self.budget.used, self.budget.used
 
     def row(self, steps: int, evaluation: Evaluation | None = None, **figures: Any) -> None:
         """Write a row of progress, with the method's figures by column: to the file, TensorBoard and the screen."""
-        seconds = self.stopwatch.lap()
-        whole = seconds.pop("whole")
+        seconds = self.budget.used - self._shown_at
         ended = self._verdicts.total()
         found: Row = {
             "step": steps,
@@ -176,12 +171,11 @@ class Run:
             "minutes": self.budget.used / 60.0,
             **self._drives(),
             **{name: self._verdicts[name] / ended if ended else None for name in VERDICTS},
-            "steps_per_second": (steps - self._row_at) / max(whole - seconds.get("evaluate", 0.0), 1e-9),
-            **{f"seconds_{part}": value for part, value in seconds.items()},
+            "steps_per_second": (steps - self._row_at) / max(seconds, 1e-9),
         }
         if evaluation is not None:
             found |= {f"{name}_heldout": getattr(evaluation, name) for name in _FIGURES}
-        self._row_at = steps
+        self._row_at, self._shown_at = steps, self.budget.used
         self._verdicts.clear()
         self._rows.add({**found, **figures})
         for kind, values in (("run", found), ("train", figures)):
@@ -209,21 +203,22 @@ class Run:
         """
         settings, begin = self.settings, time.monotonic()
         trials = self._journeys if last else self.brief
-        with self.stopwatch.part("evaluate"):
-            found = Evaluation.each(
-                agents,
-                [*trials, *with_traffic(trials)] if settings.traffic else trials,
-                track=track or settings.track,
-                device=self.device,
-                threads=self.threads,
-                patience=settings.patience,
-                strict=settings.strict_evaluation,
-                stop=stop or self.budget.out_of_time,
-                least=settings.brief_journeys,
-            )
+        found = Evaluation.each(
+            agents,
+            [*trials, *with_traffic(trials)] if settings.traffic else trials,
+            track=track or settings.track,
+            device=self.device,
+            threads=self.threads,
+            patience=settings.patience,
+            strict=settings.strict_evaluation,
+            stop=stop or self.budget.out_of_time,
+            least=settings.brief_journeys,
+        )
+        took = time.monotonic() - begin
+        self._shown_at += took  # so that it does not count for the steps per second
         if self.budget.seconds is not None and not last:
             # Keep time for the last evaluation, which comes after learning.
-            needed = 1.3 * longest(self._journeys) / longest(self.brief) * (time.monotonic() - begin)
+            needed = 1.3 * longest(self._journeys) / longest(self.brief) * took
             self.budget.reserve = min(needed, 0.3 * self.budget.seconds)
         return found
 

@@ -2,25 +2,31 @@
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import torch
+from torch import Tensor
 
-from wrongturn_agents.registry import resolve
+from wrongturn_agents.agent import Agent
+from wrongturn_agents.registry import AgentSource, resolve
 from wrongturn_agents.results_file import ResultsFile, TrialResult
 from wrongturn_agents.stored_results import STORED, Collection
 from wrongturn_agents.training.devices import device_of
-from wrongturn_agents.training.drive import drive_trials, is_driver
+from wrongturn_agents.training.drive import AnyModel, drive_trials, is_driver
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.in_process import drive_in_process
 from wrongturn_agents.training.method import load
+from wrongturn_client.episode_calls import action_of
 from wrongturn_networks import Suite, load_suite
-from wrongturn_protocol import Outcome, Traffic, Trial
+from wrongturn_protocol import Track, Traffic, Trial
+from wrongturn_protocol.observations import observation_space
 
 Results = dict[str, Any]
 """Fields of a :class:`~wrongturn_agents.results_file.ResultsFile`."""
+_AGENTS = 24
+"""Registered agents side by side. More of them share each step's cost, but wait longer for the last one."""
 
 
 def score(
@@ -59,22 +65,20 @@ def score(
         raise TrainingError(
             f"checkpoint {checkpoint}: {loaded.agent.name} does not drive by itself; export it, and name the .onnx file"
         )
-    chosen = load_suite(suite)
-    trials, track = _trials_of(chosen, traffic=traffic), loaded.agent.track
     # Everything in float32, as in the exported file.
     with torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
-        (driven,) = drive_trials(
-            [loaded.model], trials, track=track, device=place, threads=threads or _cores(), batch=batch
+        return _score(
+            loaded.model,
+            load_suite(suite),
+            loaded.agent.track,
+            traffic=traffic,
+            options={"device": place, "threads": threads or _cores(), "batch": batch},
+            agent=loaded.agent.name,
+            seed=loaded.told["seed"],
+            variant=loaded.variant,
+            steps=loaded.told["steps"],
+            device=torch.cuda.get_device_name() if place.type == "cuda" else "cpu",
         )
-    return _results(
-        chosen,
-        ((one.trial, one.outcome) for one in driven),
-        agent=loaded.agent.name,
-        seed=loaded.told["seed"],
-        variant=loaded.variant,
-        steps=loaded.told["steps"],
-        device=torch.cuda.get_device_name() if place.type == "cuda" else "cpu",
-    )
 
 
 def score_agent(name: str, suite: str, *, threads: int | None = None, traffic: bool = False) -> Results:
@@ -84,24 +88,67 @@ def score_agent(name: str, suite: str, *, threads: int | None = None, traffic: b
         AgentsError: there is no such agent, or it fails.
         UnknownSuiteError: there is no such suite.
     """
-    source = resolve(name)
-    chosen = load_suite(suite)
-    driven = drive_in_process(source, _trials_of(chosen, traffic=traffic), threads=threads or _cores())
-    seed = Collection.read(STORED).shipped.get(source.name)
-    return _results(chosen, ((one.trial, one.outcome) for one in driven), agent=source.name, seed=seed, device="cpu")
+    source, threads = resolve(name), threads or _cores()
+    with ThreadPoolExecutor(threads) as pool:
+        return _score(
+            _Agents(source, pool),
+            load_suite(suite),
+            source.track,
+            traffic=traffic,
+            options={"threads": threads, "batch": _AGENTS},
+            agent=source.name,
+            seed=Collection.read(STORED).shipped.get(source.name),
+            device="cpu",
+        )
+
+
+class _Agents:
+    """Agents that drive side by side as one network: each car's memory is the number of its own agent."""
+
+    def __init__(self, source: AgentSource, pool: ThreadPoolExecutor) -> None:
+        self._source, self._pool = source, pool
+        self._space = observation_space(source.track)
+        self._driving: dict[int, Agent] = {}
+        self._begun = 0
+
+    def begin(self, count: int) -> Tensor:
+        """Return the numbers of new agents, (count, 1)."""
+        self._begun += count
+        return torch.arange(self._begun - count, self._begun).unsqueeze(1)
+
+    def drive_on(self, observation: Mapping[str, Tensor], memory: Tensor) -> tuple[Tensor, Tensor]:
+        """Return each agent's steer, throttle and brake, (b, 3). Who drives no more begins anew for a new number."""
+        numbers = memory[:, 0].tolist()
+        free = [self._driving.pop(number) for number in [*self._driving] if number not in numbers]
+        for number in numbers:
+            if number not in self._driving:
+                self._driving[number] = agent = free.pop() if free else self._source.make()
+                agent.reset(self._space)
+
+        def act(k: int) -> tuple[float, float, float]:
+            seen = {name: tensor[k].numpy().copy() for name, tensor in observation.items()}
+            action = action_of(self._driving[numbers[k]].act(seen))
+            return action.steer, action.throttle, action.brake
+
+        shared = getattr(self._driving[numbers[0]], "memoryless", False)
+        cars = range(len(numbers))
+        return torch.tensor(list(self._pool.map(act, cars) if shared else map(act, cars))), memory
 
 
 def _cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def _results(suite: Suite, driven: Iterable[tuple[Trial, Outcome | None]], **facts: Any) -> Results:
+def _score(
+    model: AnyModel, suite: Suite, track: Track, *, traffic: bool, options: dict[str, Any], **facts: Any
+) -> Results:
+    (driven,) = drive_trials([model], _trials_of(suite, traffic=traffic), track=track, **options)
     return ResultsFile(
         suite=suite.id,
         suite_sha256=suite.sha256,
         secret=suite.open_draw.secret,
         driven="in process",
-        trials={trial.id: TrialResult.of(outcome) for trial, outcome in driven if outcome is not None},
+        trials={one.trial.id: TrialResult.of(one.outcome) for one in driven if one.outcome is not None},
         **facts,
     ).model_dump(mode="json")
 

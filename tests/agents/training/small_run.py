@@ -25,7 +25,7 @@ def small_ppo(algorithm, *options, steps=1000):
     agent = build(algorithm, seed=1)
     driving = training_cars(settings=config, threads=1)
     envs = SeenVecEnv(driving, agent, config)
-    return WrongturnPPO(config, envs, agent, Budget(steps, None), driving.stopwatch, seed=1, device="cpu")
+    return WrongturnPPO(config, envs, agent, Budget(steps, None), seed=1, device="cpu")
 
 
 def rolled(ppo):

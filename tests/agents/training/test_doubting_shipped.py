@@ -6,10 +6,11 @@ import pytest
 
 pytest.importorskip("onnxruntime")
 
+from wrongturn_agents.training.in_process import drive_in_process
+
 from wrongturn_agents import resolve
 from wrongturn_agents.errors import ModelFileError
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
-from wrongturn_agents.training.in_process import drive_in_process
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Reaction, Track, Verdict
 

@@ -13,7 +13,6 @@ from wrongturn_agents.training.action import ACTION_SPACE
 from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.methods.ppo.ppo import WrongturnPPO
 from wrongturn_agents.training.methods.ppo.rollout import FEATURES
-from wrongturn_agents.training.stopwatch import Stopwatch
 
 pytestmark = pytest.mark.usefixtures("small_networks")
 
@@ -176,7 +175,7 @@ def test_it_learns_what_each_command_asks_for():
     agent = build("ppo-image", seed=1)
     envs = DummyVecEnv([lambda: Bandit(agent.encoder.width)] * config.num_envs)
     envs.action_space.seed(1)
-    ppo = WrongturnPPO(config, envs, agent, Budget(6144, None), Stopwatch(torch.device("cpu")), seed=1, device="cpu")
+    ppo = WrongturnPPO(config, envs, agent, Budget(6144, None), seed=1, device="cpu")
 
     def error():
         observation = {key: torch.as_tensor(array) for key, array in envs.reset().items()}

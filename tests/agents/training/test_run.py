@@ -32,7 +32,6 @@ def test_a_run_leaves_its_files(run):
     assert (content["algorithm"], content["seed"], content["config"]["num_envs"]) == ("ppo-segmentation", 3, 2)
     rows = read_rows(whole / "progress.csv")
     assert [int(row["step"]) for row in rows] == [12, 24]
-    assert all(float(row["seconds_env"]) > 0 for row in rows)
     assert rows[0]["success_heldout"] == rows[0]["traffic_success_heldout"] == "0"
 
 

@@ -19,7 +19,6 @@ from wrongturn_agents.training.method import Method
 from wrongturn_agents.training.methods.averaging import Pool
 from wrongturn_agents.training.run import Run
 from wrongturn_agents.training.run_directory import ENCODER
-from wrongturn_agents.training.stopwatch import Stopwatch
 
 _POOL: Final = 16_384
 """Number of pictures kept at a time."""
@@ -76,11 +75,8 @@ class WanderingCars:
     ) -> None:
         options: dict[str, Any] = cruises(config) | {"track": "segmentation"}
         options["journeys"] = {"near_bends": 0.25, "near_junctions": 0.4, "lateral": 0.7, "yaw": 0.2, **journeys}
-        # A stopwatch of the GPU would wait after each step, and learning could not continue meanwhile.
-        watch = Stopwatch(torch.device("cpu"))
         self.envs = training_cars(
-            None, device, settings=config, keys=("rgb", "segmentation"), threads=threads, seed=seed, stopwatch=watch,
-            **options,
+            None, device, settings=config, keys=("rgb", "segmentation"), threads=threads, seed=seed, **options
         )  # fmt: skip
         self._random = np.random.default_rng(seed)
         self.observation: Observations = self.envs.reset()

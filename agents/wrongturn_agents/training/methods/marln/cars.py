@@ -10,7 +10,6 @@ from wrongturn_agents.models.marln import ACTIONS, FRAMES, Marln
 from wrongturn_agents.training.cars import DrivingVecEnv, Observations
 from wrongturn_agents.training.methods.marln.config import MarlnConfig
 from wrongturn_agents.training.methods.marln.replay import Decisions
-from wrongturn_agents.training.stopwatch import Stopwatch
 
 
 class FrameStack:
@@ -45,12 +44,9 @@ class _Seen(NamedTuple):
 class Cars:
     """Drives all cars by a network's best actions, with noise. Its encoder is frozen."""
 
-    def __init__(
-        self, envs: DrivingVecEnv, model: Marln, config: MarlnConfig, stopwatch: Stopwatch, generator: torch.Generator
-    ) -> None:
+    def __init__(self, envs: DrivingVecEnv, model: Marln, config: MarlnConfig, generator: torch.Generator) -> None:
         self.envs, self._model, self._config = envs, model, config
-        self._stopwatch, self._generator = stopwatch, generator
-        self._device = generator.device
+        self._generator, self._device = generator, generator.device
         self._stack = FrameStack()
         self._table = np.array(ACTIONS, np.float32)
         self._noise = model.values.draw_noise(envs.num_envs, generator)
@@ -63,10 +59,9 @@ class Cars:
     def drive(self) -> tuple[Decisions, list[dict[str, Any]]]:
         """Drive on for 0.1 s; return what was seen, done and earned, and the infos of the drives that ended."""
         seen = self._seen
-        with self._stopwatch.part("policy"):
-            self._renew()
-            action = self._model.values.choose(*seen, self._noise)
-            chosen = self._table[action.cpu().numpy()]
+        self._renew()
+        action = self._model.values.choose(*seen, self._noise)
+        chosen = self._table[action.cpu().numpy()]
         observation, reward, done, infos = self.envs.step(chosen)
         cut = np.array([bool(info.get("TimeLimit.truncated")) for info in infos])
         over = torch.as_tensor(done, device=self._device)
@@ -92,12 +87,11 @@ class Cars:
     @torch.no_grad()
     def _look(self, observation: Observations, begun: Tensor) -> _Seen:
         config = self._config
-        with self._stopwatch.part("encode"):
-            rgb = observation["rgb"]
-            if config.augment:
-                rgb = self._model.augmentation.changed(rgb, self._draws)
-            frames = self._stack.push(rgb, begun)
-            with torch.autocast(self._device.type, torch.bfloat16, enabled=config.bf16 and self._device.type == "cuda"):
-                features = self._model.encode(frames).to(torch.bfloat16)
+        rgb = observation["rgb"]
+        if config.augment:
+            rgb = self._model.augmentation.changed(rgb, self._draws)
+        frames = self._stack.push(rgb, begun)
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=config.bf16 and self._device.type == "cuda"):
+            features = self._model.encode(frames).to(torch.bfloat16)
         measured = torch.cat([observation["speed"], observation["steering"]], 1)
         return _Seen(features, measured, observation["command"][:, 0])

@@ -56,11 +56,9 @@ class MarlnMethod(PretrainedMethod):
                 model.load_state_dict(state["model"])
                 learner.load_state_dict(state)
         run.begin(model, lambda: {"model": model.state_dict(), **learner.state_dict()})
-        envs = training_cars(
-            None, run.device, settings=config, threads=run.threads, stopwatch=run.stopwatch, seed=stream
-        )
+        envs = training_cars(None, run.device, settings=config, threads=run.threads, seed=stream)
         try:
-            _drive(run, learner, Cars(envs, model, config, run.stopwatch, generator), model.width)
+            _drive(run, learner, Cars(envs, model, config, generator), model.width)
         finally:
             envs.close()
 
@@ -111,16 +109,14 @@ def _drive(run: Run, learner: Learner, cars: Cars, width: int) -> None:
 
     while not run.over(steps):
         decisions, ended = cars.drive()
-        with run.stopwatch.part("buffer"):
-            replay.add(decisions)
+        replay.add(decisions)
         run.drove(ended)
         steps, rows = steps + config.num_envs, rows + 1
         if steps - run.steps >= config.learn_after:
             due += config.replay_ratio * config.num_envs / config.batch_size
-            with run.stopwatch.part("learn"):
-                while due >= 1.0:
-                    losses.append(learner.update(replay, run.budget.fraction(steps)))
-                    due -= 1.0
+            while due >= 1.0:
+                losses.append(learner.update(replay, run.budget.fraction(steps)))
+                due -= 1.0
         if rows % _ROW == 0:
             run.tick(steps, **figures())
             losses.clear()

@@ -49,10 +49,10 @@ class PPOMethod(PretrainedMethod):
         config: PPOConfig = run.settings
         agent = self.build(config, self.name).to(run.device)
         self.see_first(run, agent.encoder, lambda: _learn_to_segment(run, agent))
-        cars = training_cars(None, run.device, settings=config, threads=run.threads, stopwatch=run.stopwatch)
+        cars = training_cars(None, run.device, settings=config, threads=run.threads)
         envs = SeenVecEnv(cars, agent, config)
         seed = run.stream(run.steps)
-        model = WrongturnPPO(config, envs, agent, run.budget, run.stopwatch, seed=seed, device=run.device)
+        model = WrongturnPPO(config, envs, agent, run.budget, seed=seed, device=run.device)
         model.set_logger(run.logger)
         if run.state is not None:
             _restore(model, run)

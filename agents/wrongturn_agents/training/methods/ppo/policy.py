@@ -13,16 +13,12 @@ from wrongturn_agents.models import ActorCritic, Homoscedastic
 from wrongturn_agents.training.cars import Observations
 from wrongturn_agents.training.methods.ppo.config import PPOConfig
 from wrongturn_agents.training.methods.ppo.rollout import FEATURES
-from wrongturn_agents.training.stopwatch import Stopwatch
 
 _LOG_ROOT = 0.5 * math.log(2.0 * math.pi)
 
 
 class WrongturnPolicy(ActorCriticPolicy):
-    """An actor-critic of ours, which ``model`` returns, with a Gaussian over steer and accelerate.
-
-    The stopwatch counts forward passes while driving as ``policy``.
-    """
+    """An actor-critic of ours, which ``model`` returns, with a Gaussian over steer and accelerate."""
 
     model: ActorCritic
     homoscedastic: Homoscedastic
@@ -35,10 +31,9 @@ class WrongturnPolicy(ActorCriticPolicy):
         *,
         model: Callable[[], ActorCritic],
         config: PPOConfig,
-        stopwatch: Stopwatch,
         **_: Any,
     ) -> None:
-        self._make, self._config, self._stopwatch = model, config, stopwatch
+        self._make, self._config = model, config
         # An own extractor of features is not needed: this one has no weights.
         super().__init__(observation_space, action_space, lr_schedule, net_arch={})
 
@@ -82,10 +77,9 @@ class WrongturnPolicy(ActorCriticPolicy):
 
     def forward(self, obs: Observations, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
         """Return actions (b, 2), values (b,) and log-probabilities (b,)."""
-        with self._stopwatch.part("policy"):
-            mean, values = self.model(self.features(obs), obs["command"])
-            actions = mean if deterministic else mean + torch.exp(self.model.log_std) * torch.randn_like(mean)
-            return actions, values, self._log_prob(mean, actions)
+        mean, values = self.model(self.features(obs), obs["command"])
+        actions = mean if deterministic else mean + torch.exp(self.model.log_std) * torch.randn_like(mean)
+        return actions, values, self._log_prob(mean, actions)
 
     def evaluate_actions(self, obs: Observations, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return values (b,), log-probabilities (b,) of these actions, and the entropy ()."""

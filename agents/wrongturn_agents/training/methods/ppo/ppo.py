@@ -16,7 +16,6 @@ from wrongturn_agents.training.cars import Observations
 from wrongturn_agents.training.methods.ppo.config import PPOConfig
 from wrongturn_agents.training.methods.ppo.policy import WrongturnPolicy
 from wrongturn_agents.training.methods.ppo.rollout import DeviceRolloutBuffer
-from wrongturn_agents.training.stopwatch import Stopwatch
 
 _LEAST_CAUTION = 1.0 / 64
 _OPTIONS = (
@@ -37,17 +36,14 @@ class WrongturnPPO(PPO):
 
     A single step of Adam can do the last to a ResNet whose batch normalisation uses running statistics. After such an
     update the learning rate is halved, and recovers over the next dozens of updates. It also falls as the budget is
-    used up. The stopwatch counts updates as ``learn``.
+    used up.
     """
 
     policy: WrongturnPolicy
 
-    def __init__(
-        self, config: PPOConfig, env: VecEnv, agent: ActorCritic, budget: Budget, stopwatch: Stopwatch, **more: Any
-    ) -> None:
+    def __init__(self, config: PPOConfig, env: VecEnv, agent: ActorCritic, budget: Budget, **more: Any) -> None:
         self.config = config
         self.budget = budget
-        self.stopwatch = stopwatch
         self.figures: dict[str, float] = {}
         """Figures of the last update, by name."""
         self.caution = 1.0
@@ -64,8 +60,7 @@ class WrongturnPPO(PPO):
             **{name: getattr(config, name) for name in _OPTIONS},
             target_kl=config.kl_stop,
             rollout_buffer_class=DeviceRolloutBuffer,
-            rollout_buffer_kwargs={"stopwatch": stopwatch},
-            policy_kwargs={"model": lambda: agent, "config": config, "stopwatch": stopwatch},
+            policy_kwargs={"model": lambda: agent, "config": config},
             **more,
         )
 
@@ -85,10 +80,6 @@ class WrongturnPPO(PPO):
 
     def train(self) -> None:
         """Learn from the rollout."""
-        with self.stopwatch.part("learn"):
-            self._learn()
-
-    def _learn(self) -> None:
         policy, config = self.policy, self.config
         policy.set_training_mode(True)
         self._update_learning_rate(policy.optimizer)

@@ -16,14 +16,13 @@ from torch import Tensor
 from wrongturn_agents.models import ActorCritic
 from wrongturn_agents.training.cars import DrivingVecEnv, Observations
 from wrongturn_agents.training.methods.ppo.config import PPOConfig
-from wrongturn_agents.training.stopwatch import Stopwatch
 
 FEATURES = "features"
 """Key of a frozen encoder's features, in place of the picture."""
 
 
 class SeenVecEnv(VecEnvWrapper):
-    """Environments as the policy sees them. Their stopwatch counts this as ``encode``.
+    """Environments as the policy sees them.
 
     The buffer keeps exactly the frame that the policy acted on. So augmentation is part of the world, not of the loss,
     and the policy's ratio is 1 before anything is learned. If the encoder is frozen, each frame is encoded once, and
@@ -31,7 +30,7 @@ class SeenVecEnv(VecEnvWrapper):
     """
 
     def __init__(self, envs: DrivingVecEnv, agent: ActorCritic, config: PPOConfig) -> None:
-        self._agent, self._config, self._stopwatch = agent, config, envs.stopwatch
+        self._agent, self._config = agent, config
         space = dict(envs.observation_space.spaces)
         if config.pretrained:
             space.pop("rgb")
@@ -55,9 +54,8 @@ class SeenVecEnv(VecEnvWrapper):
 
     @torch.no_grad()
     def _seen(self, observation: Observations) -> Observations:
-        with self._stopwatch.part("encode"):
-            seen = dict(self._agent.disturb(observation)) if self._config.disturbed else observation
-            return {**_without_rgb(seen), FEATURES: self._encoded(seen)} if self._config.pretrained else seen
+        seen = dict(self._agent.disturb(observation)) if self._config.disturbed else observation
+        return {**_without_rgb(seen), FEATURES: self._encoded(seen)} if self._config.pretrained else seen
 
     @torch.no_grad()
     def _encoded(self, observation: Observations) -> Tensor:
@@ -78,10 +76,6 @@ class DeviceRolloutBuffer(RolloutBuffer):
     """
 
     observation_space: spaces.Dict
-
-    def __init__(self, *arguments: Any, stopwatch: Stopwatch | None = None, **options: Any) -> None:
-        self._stopwatch = stopwatch or Stopwatch(torch.device("cpu"))
-        super().__init__(*arguments, **options)
 
     def reset(self) -> None:
         """Start a new rollout in the same tensors."""
@@ -114,12 +108,11 @@ class DeviceRolloutBuffer(RolloutBuffer):
         log_prob: Tensor,
     ) -> None:
         """Store one decision of all environments, (n_envs, ...) each."""
-        with self._stopwatch.part("buffer"):
-            for name, tensor in self.observations.items():
-                tensor[self.pos].copy_(torch.as_tensor(obs[name]))
-            kept = (self.actions, self.rewards, self.episode_starts, self.values, self.log_probs)
-            for tensor, given in zip(kept, (action, reward, episode_start, value.flatten(), log_prob), strict=True):
-                tensor[self.pos].copy_(torch.as_tensor(given))
+        for name, tensor in self.observations.items():
+            tensor[self.pos].copy_(torch.as_tensor(obs[name]))
+        kept = (self.actions, self.rewards, self.episode_starts, self.values, self.log_probs)
+        for tensor, given in zip(kept, (action, reward, episode_start, value.flatten(), log_prob), strict=True):
+            tensor[self.pos].copy_(torch.as_tensor(given))
         self.pos += 1
         self.full = self.pos == self.buffer_size
 
