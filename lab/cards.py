@@ -15,12 +15,13 @@ from typing import Any, Final, NamedTuple
 
 from lab import doubting
 from lab.curves import LAB, Curve, read_curves
+from lab.stored_results import Collection
 from lab.studies import read_evaluations
 from lab.tables import count_success, count_unsafe, counts_by_seed, spread, with_interval
 from wrongturn_agents.errors import ModelFileError
 from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS, WEIGHTS, ShippedAgent, trained_with
-from wrongturn_agents.stored_results import STORED, Collection
+from wrongturn_agents.stored_results import STORED
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_protocol import CORL_TASKS, Condition
 from wrongturn_protocol.model_contract import STATE_IN, STATE_OUT

@@ -18,6 +18,7 @@ from typing import Any, Final, NamedTuple
 from shapely import Point, Polygon
 
 from lab.in_process import DrivenEpisode, drive_in_process
+from lab.stored_results import Collection
 from lab.studies import read, threads, weights_sha256, write
 from lab.tables import OutdatedPageError, Row, Table, label_first
 from wrongturn_agents.errors import AgentsError, ResultsError
@@ -25,7 +26,7 @@ from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import resolve
 from wrongturn_agents.results_file import TrialResult
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
-from wrongturn_agents.stored_results import STORED, Collection
+from wrongturn_agents.stored_results import STORED
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_client.episode_calls import action_of
 from wrongturn_networks import load_suite, load_town

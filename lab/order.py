@@ -14,8 +14,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.stored_results import Collection
 from lab.tables import PAPER_BY_NAME, counts_by_seed, spread
-from wrongturn_agents.stored_results import ALGORITHMS, Collection
+from wrongturn_agents.stored_results import ALGORITHMS
 
 _LEVEL: Final = 0.05
 _EXACT: Final = 1_000_000  # most assignments that are all tried; of more, a random sample is

@@ -20,10 +20,10 @@ from typing import Final
 from pydantic import ValidationError
 
 from lab import cards, curves, doubting, films, order, studies, tables
+from lab.stored_results import Collection, StoredResults
 from lab.tables import OutdatedPageError
 from wrongturn_agents.errors import AgentsError, ResultsError
-from wrongturn_agents.results_file import ResultsFile
-from wrongturn_agents.stored_results import STORED, Collection
+from wrongturn_agents.stored_results import STORED
 from wrongturn_client.tables import console
 from wrongturn_protocol import RunFile, RunFormatError
 
@@ -120,9 +120,9 @@ def import_results(source: Path, directory: Path = STORED, **given: str | int | 
     try:
         file = studies.results_of_run(RunFile.read(source))
     except RunFormatError:
-        file = ResultsFile.read(source)
+        file = StoredResults.read(source)
     try:
-        file = ResultsFile.model_validate({**file.model_dump(), **{k: v for k, v in given.items() if v is not None}})
+        file = StoredResults.model_validate({**file.model_dump(), **{k: v for k, v in given.items() if v is not None}})
     except ValidationError as error:
         raise ResultsError(f"--import: {error.errors()[0]['loc'][0]}: {error.errors()[0]['msg']}") from error
     file.check(source.name)

@@ -24,6 +24,7 @@ from typing import Any, Final
 
 from lab.curves import LAB
 from lab.in_process import drive_in_process
+from lab.stored_results import StoredResults
 from lab.tables import Row, Table, count_unsafe, label
 from wrongturn_agents.agent_code import checksums
 from wrongturn_agents.errors import AgentsError, RunFileError
@@ -31,11 +32,11 @@ from wrongturn_agents.evaluation_run import RunOptions, evaluate
 from wrongturn_agents.figures.evaluation_record import check_suite
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import AGENTS, EXPLOITS, AgentSource, resolve, with_absolute_file
-from wrongturn_agents.results_file import ResultsFile, TrialResult
+from wrongturn_agents.results_file import TrialResult
 from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.saved_run import directory as saved_runs
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
-from wrongturn_agents.stored_results import STORED, Collection, table_order
+from wrongturn_agents.stored_results import STORED, shipped_seeds, table_order
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_judge import THRESHOLDS, Thresholds, judge_of
 from wrongturn_networks import load_suite, load_town
@@ -250,7 +251,7 @@ def _spread_of_draws(by_secret: Mapping[str, Any]) -> Row:
     return (", ".join(map(str, counts)), f"{fmean(counts):.1f}", f"{found:.1f}", f"{binomial:.1f}", *test)
 
 
-class Evaluation(ResultsFile):
+class Evaluation(StoredResults):
     """One of several evaluations of an agent over the service, with all its trials and twins."""
 
     number: int
@@ -279,10 +280,10 @@ def code_of(source: AgentSource) -> dict[str, str]:
     return {Path(file).name: found for file, found in checksums(source.code).items()}
 
 
-def results_of_run(run: RunFile, agent: str | None = None) -> ResultsFile:
+def results_of_run(run: RunFile, agent: str | None = None) -> StoredResults:
     """Return what is stored of a finished evaluation; its agent's name is the leaderboard's by default."""
     check_suite(run.suite, run.suite_sha256)
-    return ResultsFile(
+    return StoredResults(
         agent=agent or run.driver.name,
         suite=run.suite,
         suite_sha256=run.suite_sha256,
@@ -298,7 +299,7 @@ def make_evaluations(count: int, agents: Sequence[str], folder: Path = STUDIES /
 
     Those of other weights are removed first. The first evaluation is the agent's row in the tables too.
     """
-    seeds = Collection.read(STORED).shipped
+    seeds = shipped_seeds()
     for agent in agents:
         source, known = resolve(agent), set()
         for one in (one for one in read_evaluations(folder) if one.agent == source.name):

@@ -10,10 +10,11 @@ from typing import Final, NamedTuple
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from lab.stored_results import Collection
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.results_file import ResultsFile
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
-from wrongturn_agents.stored_results import ALGORITHMS, Collection, table_order
+from wrongturn_agents.stored_results import ALGORITHMS, table_order
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_client.tables import plain_table
 from wrongturn_protocol import (

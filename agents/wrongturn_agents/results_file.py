@@ -1,7 +1,6 @@
 """File with the results of one agent, of one training seed, on one suite."""
 
 import json
-import re
 from pathlib import Path
 from typing import Annotated, Final, Literal, Self
 
@@ -16,7 +15,6 @@ from wrongturn_protocol.run_file import UNREADABLE, read_unpacked, reason_of
 Driven = Literal["in process", "over the service"]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
 _REMEDY: Final = "make a new file with 'wrongturn score'"
-_NOT_IN_FILE_NAMES: Final = re.compile(r"[^A-Za-z0-9@.]+")
 _TRIALS_NAMED: Final = 3  # trials that an error names as examples
 
 
@@ -76,12 +74,6 @@ class ResultsFile(BaseModel):
     """Results by trial id."""
 
     @property
-    def stem(self) -> str:
-        """File name without extension, made of agent, variant, seed, suite and the way of driving."""
-        parts = [self.agent, self.variant, None if self.seed is None else f"s{self.seed}", self.suite, self.driven]
-        return ".".join(_NOT_IN_FILE_NAMES.sub("-", part) for part in parts if part is not None)
-
-    @property
     def drawn(self) -> SuiteTrials:
         """The suite's trials in this file's draw.
 
@@ -89,10 +81,6 @@ class ResultsFile(BaseModel):
             ResultsError: The suite is not installed.
         """
         return installed_suite(self.suite, self.secret)
-
-    def __str__(self) -> str:
-        words = [self.agent, self.variant, None if self.seed is None else f"seed {self.seed}", f"on {self.suite}"]
-        return " ".join(word for word in (*words, self.driven) if word is not None)
 
     @classmethod
     def read(cls, path: Path, remedy: str = _REMEDY) -> Self:
@@ -111,23 +99,11 @@ class ResultsFile(BaseModel):
             field = ".".join(map(str, first["loc"])) or "the file"
             raise ResultsError(f"{path.name}: {field}: {first['msg']}; {remedy}") from error
 
-    def write(self, directory: Path) -> Path:
-        """Write the file into a directory under its own name, and return the path.
-
-        Raises:
-            ResultsError: The file cannot be written, or another agent's has this name.
-        """
-        path = directory / f"{self.stem}.json"
-        if path.is_file() and (other := self.read(path).agent) != self.agent:
-            raise ResultsError(
-                f"{path.name}: holds the results of {other!r}, and those of {self.agent!r} would have the same file "
-                "name; choose another by --agent"
-            )
-        try:
-            path.write_text(self.text(), encoding="utf-8")
-        except OSError as error:
-            raise ResultsError(f"{path}: cannot be written ({error.strerror}); name another --directory") from error
-        return path
+    def over(self, before: Self | None) -> Self:
+        """Return these results, and those of the same draw's other trials that were driven before."""
+        if before is None or before.secret != self.secret:
+            return self
+        return self.model_copy(update={"trials": {**before.trials, **self.trials}})
 
     def text(self) -> str:
         """Return the file's JSON, with one line for each trial so that differences are easy to read."""

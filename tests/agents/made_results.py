@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from wrongturn_agents.results_file import ResultsFile, TrialResult
+from lab.stored_results import StoredResults
+from wrongturn_agents.results_file import TrialResult
 from wrongturn_networks import load_suite
 from wrongturn_protocol import (
     PAPER_TYPES,
@@ -25,7 +26,7 @@ CELLS = tuple((kind, fault) for kind in PAPER_TYPES for fault in (FaultKind.INFE
 
 def wrong_command(
     agent: str, unsafe: tuple[int, ...], *, opposed: int = 0, twins_failed: int = 0, **more: Any
-) -> ResultsFile:
+) -> StoredResults:
     """Return results on the paper's suite.
 
     Args:
@@ -54,7 +55,7 @@ def wrong_command(
 
 def navigation(
     agent: str, arrived: Mapping[tuple[Task, Condition], int], *, dirty: int = 0, traffic: bool = True, **more: Any
-) -> ResultsFile:
+) -> StoredResults:
     """Return results on CoRL's tasks; all 25 routes of a cell that ``arrived`` lacks are completed.
 
     Args:
@@ -77,7 +78,7 @@ def navigation(
     return _file(agent, "navigation@1", trials, more)
 
 
-def keep(directory: Path, *files: ResultsFile, shipped: Mapping[str, int] | None = None) -> Path:
+def keep(directory: Path, *files: StoredResults, shipped: Mapping[str, int] | None = None) -> Path:
     """Write results and the seeds of shipped weights into a directory, and return it."""
     for file in files:
         file.write(directory)
@@ -100,12 +101,12 @@ def _crowded(trial: Trial) -> bool:
     return bool(trial.traffic.vehicles or trial.traffic.pedestrians)
 
 
-def _file(agent: str, suite: str, trials: dict[str, TrialResult], more: dict[str, Any]) -> ResultsFile:
+def _file(agent: str, suite: str, trials: dict[str, TrialResult], more: dict[str, Any]) -> StoredResults:
     found = load_suite(suite)
     fields = {"driven": "in process", "suite_sha256": found.sha256, "secret": found.open_draw.secret, **more}
     if fields["driven"] == "over the service":
         fields["commitment"] = found.draw(fields["secret"]).commitment
-    return ResultsFile(agent=agent, suite=suite, trials=trials, **fields)
+    return StoredResults(agent=agent, suite=suite, trials=trials, **fields)
 
 
 def made_run(

@@ -7,11 +7,11 @@ import pytest
 from made_results import keep, navigation
 from typer.testing import CliRunner
 
+from lab.stored_results import Collection
 from wrongturn_agents.errors import AgentsError, ResultsError, RunError
 from wrongturn_agents.practice import PracticeRun
 from wrongturn_agents.registry import resolve
 from wrongturn_agents.results_file import ResultsFile
-from wrongturn_agents.stored_results import Collection
 from wrongturn_agents.suites import SuiteTrials, installed_suite
 from wrongturn_client import LocalService
 from wrongturn_client.cli import app

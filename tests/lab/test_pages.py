@@ -10,9 +10,9 @@ from made_results import keep, navigation, progress, wrong_command
 from lab.curves import PICTURES, check_pictures, import_curve, read_curves, thinned
 from lab.order import order_in_words, unsafe_by_seed
 from lab.results import Sections, check_page, filled, import_results, sections
+from lab.stored_results import Collection
 from lab.tables import OutdatedPageError, navigation_table, wrong_command_table
 from wrongturn_agents.errors import ResultsError
-from wrongturn_agents.stored_results import Collection
 from wrongturn_protocol import Condition, Task
 
 PAGE = """# Title

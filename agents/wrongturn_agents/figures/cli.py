@@ -13,7 +13,7 @@ import typer
 from wrongturn_agents import figures
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.figures.evaluation_record import EvaluationRecord, checked
-from wrongturn_agents.stored_results import STORED, Collection
+from wrongturn_agents.stored_results import shipped_results
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_client.tables import console
 from wrongturn_protocol.json_output import STDOUT
@@ -163,8 +163,7 @@ def _find(text: str, url: str | None, suite: str) -> EvaluationRecord:
 
 def _shipped(suite: str) -> list[str]:
     """Return the names of the shipped agents with stored results."""
-    collection = Collection.read(STORED)
-    found = [name for name in collection.agents(suite) if collection.of_shipped(suite, name) is not None]
+    found = [*shipped_results(suite)]
     if not found:
         raise ResultsError(f"RUN: nothing is stored on {suite}; give files of 'wrongturn run --json'")
     return found

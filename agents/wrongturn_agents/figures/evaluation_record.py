@@ -9,7 +9,7 @@ from typing import Final
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.results_file import ResultsFile, TrialResult
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
-from wrongturn_agents.stored_results import STORED, Collection
+from wrongturn_agents.stored_results import STORED, shipped_results
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
 from wrongturn_client import AuthenticationError, Client, NotFoundError
 from wrongturn_protocol import DrivenEpisode, Outcome, RunFile, RunFormatError, Trial
@@ -177,15 +177,13 @@ def stored(agent: str, suite: str = WRONG_COMMAND, directory: Path = STORED) -> 
     Raises:
         ResultsError: There are none. The error names the agents that have some.
     """
-    collection = Collection.read(directory)
-    file = collection.of_shipped(suite, agent)
-    if file is None:
-        known = [name for name in collection.agents(suite) if collection.of_shipped(suite, name) is not None]
+    found = shipped_results(suite, directory)
+    if agent not in found:
         raise ResultsError(
             f"{agent}: no such run file, and no stored results on {suite}; give a file of 'wrongturn run --json', or "
-            f"one of {', '.join(known)}; for an agent of a service, give --url too"
+            f"one of {', '.join(found)}; for an agent of a service, give --url too"
         )
-    return of_results(file)
+    return of_results(found[agent])
 
 
 def fetch(url: str, wanted: str, suite: str = WRONG_COMMAND) -> EvaluationRecord:

@@ -13,7 +13,7 @@ from torch import Tensor
 from wrongturn_agents.agent import Agent
 from wrongturn_agents.registry import AgentSource, resolve
 from wrongturn_agents.results_file import ResultsFile, TrialResult
-from wrongturn_agents.stored_results import STORED, Collection
+from wrongturn_agents.stored_results import shipped_seeds
 from wrongturn_agents.training.devices import device_of
 from wrongturn_agents.training.drive import AnyModel, drive_trials, is_driver
 from wrongturn_agents.training.errors import TrainingError
@@ -97,7 +97,7 @@ def score_agent(name: str, suite: str, *, threads: int | None = None, traffic: b
             traffic=traffic,
             options={"threads": threads, "batch": _AGENTS},
             agent=source.name,
-            seed=Collection.read(STORED).shipped.get(source.name),
+            seed=shipped_seeds().get(source.name),
             device="cpu",
         )
 

@@ -7,10 +7,11 @@ import onnx
 import pytest
 from made_results import keep, navigation, wrong_command
 
+from lab.stored_results import Collection
 from wrongturn_agents import figures
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
-from wrongturn_agents.stored_results import STORED, Collection
+from wrongturn_agents.stored_results import STORED
 from wrongturn_protocol import PAPER
 
 ROOT = Path(__file__).parents[2]
