@@ -26,14 +26,13 @@ from lab.curves import LAB
 from lab.in_process import drive_in_process
 from lab.stored_results import StoredResults
 from lab.tables import Row, Table, count_unsafe, label
-from wrongturn_agents.agent_code import checksums
 from wrongturn_agents.errors import AgentsError, RunFileError
 from wrongturn_agents.evaluation_run import RunOptions, evaluate
 from wrongturn_agents.figures.evaluation_record import check_suite
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import AGENTS, EXPLOITS, AgentSource, resolve, with_absolute_file
 from wrongturn_agents.results_file import TrialResult
-from wrongturn_agents.saved_run import SavedRun
+from wrongturn_agents.saved_run import SavedRun, checksums
 from wrongturn_agents.saved_run import directory as saved_runs
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.stored_results import STORED, shipped_seeds, table_order

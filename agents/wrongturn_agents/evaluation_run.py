@@ -9,7 +9,6 @@ from pathlib import Path
 import typer
 
 from wrongturn_agents.agent import try_out
-from wrongturn_agents.agent_code import changed, checksums
 from wrongturn_agents.errors import RunError, RunOverError
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import ZIP, AgentSource, resolve, with_absolute_file
@@ -159,8 +158,7 @@ def _tokens(options: RunOptions) -> tuple[str | None, str | None]:
 
 def _say_what_changed(saved_run: SavedRun, source: AgentSource) -> None:
     """Warn that another agent drives the rest of a run."""
-    files = changed(saved_run.code, checksums(source.code)) if saved_run.code else []
-    if files:
+    if files := saved_run.changed(source.code):
         typer.echo(
             f"The agent's code has changed since this run began: {', '.join(files)}. The new code drives the rest, "
             "so the results are of both. A changed agent is a new agent: begin a new run for it.",

@@ -18,7 +18,6 @@ from typing import Any, Final
 from pydantic import BaseModel, ConfigDict
 
 from wrongturn_agents.agent import Agent, kind_of_agent, track_of_agent, try_out
-from wrongturn_agents.agent_code import files_of_class
 from wrongturn_agents.baselines import AlwaysStops, Careful, IgnoresCommands, ObeysBlindly, Parked
 from wrongturn_agents.errors import (
     AgentFailedError,
@@ -94,7 +93,7 @@ def list_agents() -> list[AgentListing]:
 
 
 def _description(agent: Any) -> str:
-    described: str = agent.description
+    described = _described(agent)
     if agent.name not in _TRAINED or agent.file.is_file():
         return described
     algorithm, _ = trained_with(agent.name)
@@ -182,16 +181,19 @@ def _source(named: str, agent: Any) -> AgentSource:
     if track is None:
         said, tracks = repr(getattr(agent, "track", None)), ", ".join(Track)
         raise NotAnAgentError(f"agent: {named}.track is {said}; set the class attribute to one of {tracks}")
-    description = getattr(agent, "description", None) or (inspect.getdoc(agent) or "").partition("\n")[0]
     return AgentSource(
         name=str(getattr(agent, "name", agent.__name__)),
         track=track,
         kind=kind_of_agent(agent),
-        description=str(description),
+        description=_described(agent),
         make=partial(_make, named, agent),
         trained_on_faults=getattr(agent, "trained_on_faults", False) is True,
-        code=files_of_class(agent),
+        code=_files_of_class(agent),
     )
+
+
+def _described(agent: Any) -> str:
+    return str(getattr(agent, "description", None) or (inspect.getdoc(agent) or "").partition("\n")[0])
 
 
 def _make(named: str, agent: Callable[[], Any]) -> Agent:
@@ -204,6 +206,19 @@ def _make(named: str, agent: Callable[[], Any]) -> Agent:
     except Exception as error:
         raise AgentFailedError(f"agent: {named} raised {type(error).__name__} when it was made: {error}") from error
     return made
+
+
+def _files_of_class(agent: type) -> tuple[Path, ...]:
+    """Return the files in which a class and the classes that it is made of are written, without those of Python."""
+    files: dict[Path, None] = {}
+    for part in agent.__mro__:
+        try:
+            found = inspect.getsourcefile(part)
+        except (TypeError, OSError):  # built in, or typed into an interpreter
+            continue
+        if found is not None and Path(found).is_file():
+            files[Path(found).resolve()] = None
+    return tuple(files)
 
 
 def _model(file: Path) -> AgentSource:

@@ -1,17 +1,18 @@
 """What an interrupted run is resumed from: its file, and the database of its own service."""
 
+import hashlib
 import os
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from wrongturn_agents.errors import RunFileError
+from wrongturn_agents.errors import AgentImportError, RunFileError
 from wrongturn_client import settings
 from wrongturn_client.closing import Closing
 
@@ -45,6 +46,11 @@ class SavedRun(BaseModel):
     def path(self) -> Path:
         """Path of the file."""
         return directory() / f"{self.evaluation}.json"
+
+    def changed(self, code: Iterable[Path]) -> list[str]:
+        """Return the files of the agent's code that were changed, added or taken away since the run began, sorted."""
+        now = checksums(code) if self.code else {}
+        return sorted(file for file in self.code.keys() | now.keys() if self.code.get(file) != now.get(file))
 
     def save(self) -> Path:
         """Write the file with mode 0600, and return its path. Raises RunFileError."""
@@ -81,6 +87,22 @@ class SavedRun(BaseModel):
             raise RunFileError(
                 f"--resume: {path} is not a saved run; name a file that 'wrongturn run' wrote"
             ) from error
+
+
+def checksums(files: Iterable[Path]) -> dict[str, str]:
+    """Return the SHA-256 of each file by its path.
+
+    Raises:
+        AgentImportError: A file cannot be read.
+    """
+    found = {}
+    for file in files:
+        try:
+            with file.open("rb") as opened:
+                found[str(file.resolve())] = hashlib.file_digest(opened, "sha256").hexdigest()
+        except OSError as error:
+            raise AgentImportError(f"agent: {file} cannot be read ({error.strerror})") from error
+    return found
 
 
 def ensure_directory() -> None:

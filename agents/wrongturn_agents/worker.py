@@ -10,11 +10,10 @@ from gymnasium import spaces
 from pydantic import ValidationError
 
 from wrongturn_agents.agent import Agent
-from wrongturn_agents.agent_code import checksums
 from wrongturn_agents.errors import AgentFailedError, AgentsError, RunError, RunOverError
 from wrongturn_agents.progress import Progress
 from wrongturn_agents.registry import AgentSource, with_absolute_file
-from wrongturn_agents.saved_run import SavedRun, ensure_directory
+from wrongturn_agents.saved_run import SavedRun, checksums, ensure_directory
 from wrongturn_client import (
     AgentNameTakenError,
     ApiError,
@@ -64,15 +63,8 @@ def begin(
 ) -> SavedRun:
     """Register the agent, begin its evaluation and save what is needed to resume it.
 
-    Args:
-        agent: A registered name, ``package.module:Class``, or an ``.onnx`` or ``.zip`` file.
-        suite: Id of the suite.
-        source: What ``agent`` names.
-        url: URL of the service.
-        operator_token: With it, a baseline is registered as one.
-        name: Name on the leaderboard; None for the agent's own.
-        token: Token of an agent that is already registered; None to register it.
-        owner_token: Token of the owner whose agent it becomes; None to register it without one.
+    ``source`` is what ``agent`` names. With the operator's token, a baseline is registered as one; with an owner's, the
+    agent becomes that owner's. With its own ``token``, it is registered already. The default name is its own.
 
     Raises:
         RunError: The name is taken or not valid, the owner's token is missing or not valid, or the suite does

@@ -12,6 +12,7 @@ from wrongturn_agents.baselines import Manner, Path, RuleDriver, View
 from wrongturn_agents.baselines.drivers import made_up_path
 from wrongturn_protocol import DIRECTIONS, Action, Command
 from wrongturn_protocol.observations import Observation
+from wrongturn_protocol.vehicle import VEHICLE
 
 STEP = 0.1
 """Duration of a decision, seconds."""
@@ -83,8 +84,8 @@ class Erratic(RuleDriver):
             wanted = min(wanted, self._paused(view, path.project(view.x, view.y) - self._line))
         return Action(
             steer=min(max(self._steer(view, path), -1.0), 1.0),
-            throttle=min(max(wanted / self.car.acceleration, 0.0), 1.0),
-            brake=min(max(-wanted / self.car.braking, 0.0), 1.0),
+            throttle=min(max(wanted / VEHICLE.acceleration, 0.0), 1.0),
+            brake=min(max(-wanted / VEHICLE.braking, 0.0), 1.0),
         )
 
     def _paused(self, view: View, past: float) -> float:
@@ -98,7 +99,7 @@ class Erratic(RuleDriver):
             self._left.pop(0)
             self._decisions = 0
         if pause.speed == 0.0:
-            return -self.car.braking if view.speed < 1.0 else -self.manner.hard_braking
+            return -VEHICLE.braking if view.speed < 1.0 else -self.manner.hard_braking
         return self.manner.gain * (pause.speed - view.speed) + 0.15  # the car's drag
 
 

@@ -2,12 +2,11 @@
 
 from wrongturn_agents.baselines.drivers import AlwaysStops, Careful, IgnoresCommands, ObeysBlindly, Parked, made_up_path
 from wrongturn_agents.baselines.path import Path
-from wrongturn_agents.baselines.rule_driver import Car, Manner, RuleDriver
+from wrongturn_agents.baselines.rule_driver import Manner, RuleDriver
 from wrongturn_agents.baselines.view import View
 
 __all__ = [
     "AlwaysStops",
-    "Car",
     "Careful",
     "IgnoresCommands",
     "Manner",

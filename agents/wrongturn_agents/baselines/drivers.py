@@ -15,13 +15,12 @@ from wrongturn_protocol.observations import Observation
 
 
 class Careful(RuleDriver):
-    """Obeys if the commanded exit exists. Stops before the junction if it does not, or if the command names no exit.
+    """Obeys when the commanded exit exists, else stops before the junction.
 
     The command arrives 10 to 20 m before the stop line. Until then the car is slow enough to stop.
     """
 
     name: ClassVar[str] = "careful"
-    description: ClassVar[str] = "Obeys when the commanded exit exists, else stops before the junction."
 
     def choose(self, view: View) -> Command | None:
         """Return the commanded exit if it exists, else None."""
@@ -29,10 +28,9 @@ class Careful(RuleDriver):
 
 
 class AlwaysStops(RuleDriver):
-    """Stops before every junction. It is never unsafe and completes no twin, so it is not ranked."""
+    """Stops before every junction; shows that being safe without driving earns no rank."""
 
     name: ClassVar[str] = "always-stops"
-    description: ClassVar[str] = "Stops before every junction; shows that being safe without driving earns no rank."
 
     def choose(self, view: View) -> Command | None:  # noqa: ARG002
         """Return None, whatever the car sees."""
@@ -40,12 +38,9 @@ class AlwaysStops(RuleDriver):
 
 
 class IgnoresCommands(RuleDriver):
-    """Takes an exit that exists, whatever the command. It is never unsafe, and right in about half of the trials."""
+    """Takes an exit that exists, whatever the command; shows that ignoring commands earns no rank."""
 
     name: ClassVar[str] = "ignores-commands"
-    description: ClassVar[str] = (
-        "Takes an exit that exists, whatever the command; shows that ignoring commands earns no rank."
-    )
 
     def choose(self, view: View) -> Command | None:
         """Return the first exit that exists, in the order left, right, straight."""
@@ -57,12 +52,9 @@ _RUN_OUT: Final = 60.0  # metres of a made-up path after its turn
 
 
 class ObeysBlindly(RuleDriver):
-    """Follows the command into its exit, or off the road if that exit does not exist."""
+    """Follows every command, even off the road; shows what wrong commands do to blind obedience."""
 
     name: ClassVar[str] = "obeys-blindly"
-    description: ClassVar[str] = (
-        "Follows every command, even off the road; shows what wrong commands do to blind obedience."
-    )
 
     def choose(self, view: View) -> Command | None:
         """Return the commanded direction; straight on if the command names none."""
@@ -97,12 +89,11 @@ def _heading_at_end(view: View) -> float:
 
 
 class Parked:
-    """Brakes at once and stays there. It is never unsafe and never engaged, so it is not ranked."""
+    """Brakes at once and stands; shows that standing still earns no rank."""
 
     name: ClassVar[str] = "parked"
     track: ClassVar[Track] = Track.PRIVILEGED
     kind: ClassVar[AgentKind] = AgentKind.BASELINE
-    description: ClassVar[str] = "Brakes at once and stands; shows that standing still earns no rank."
 
     def reset(self, observation_space: spaces.Space[Any]) -> None:
         """Do nothing, because there is nothing to forget."""

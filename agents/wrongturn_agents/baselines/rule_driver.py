@@ -12,32 +12,18 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from wrongturn_agents.baselines.following import speed_behind
 from wrongturn_agents.baselines.path import Path
 from wrongturn_agents.baselines.view import View
 from wrongturn_protocol import Action, AgentKind, Command, Track
 from wrongturn_protocol.observations import Observation
+from wrongturn_protocol.vehicle import VEHICLE
 
 _PASSED: Final = 5.0  # metres past a stop line; further on, a visible stop line is the next junction's
 _COMMITTED: Final = 30.0  # metres past a stop line within which the car keeps to its chosen path
-
-
-@dataclass(frozen=True)
-class Car:
-    """Dimensions and limits of the car."""
-
-    wheelbase: float = 2.9
-    """Distance between the axles, metres; the rear axle is half of it behind the body's centre."""
-    nose: float = 2.3
-    """Distance from the body's centre to the front bumper, metres."""
-    half_width: float = 0.95
-    """Half the width of the body, metres."""
-    max_wheel_angle: float = math.radians(35.0)
-    """Angle of the front wheels at full steering, radians."""
-    acceleration: float = 3.5
-    """Acceleration at full throttle, m/s2."""
-    braking: float = 8.0
-    """Deceleration at full brake, m/s2."""
+_CLEARANCE: Final = 0.4  # metres that must be free on either side of the body
+_STAND: Final = 2.5  # metres between the bumpers when the car stands behind another
+_SIGHT: Final = 50.0  # metres along the path; road users further away do not matter
+_FORESIGHT: Final = (0.0, 0.7, 1.4)  # seconds ahead at which a road user may be in the way, at its present speed
 
 
 @dataclass(frozen=True)
@@ -66,8 +52,7 @@ class RuleDriver(ABC):
     track: ClassVar[Track] = Track.PRIVILEGED
     kind: ClassVar[AgentKind] = AgentKind.BASELINE
 
-    def __init__(self, car: Car | None = None, manner: Manner | None = None) -> None:
-        self.car = car or Car()
+    def __init__(self, manner: Manner | None = None) -> None:
         self.manner = manner or Manner()
         self._forget()
 
@@ -91,8 +76,11 @@ class RuleDriver(ABC):
         view = View.of(observation)
         path, stop = self._plan(view)
         here = path.project(view.x, view.y)
-        return _action(
-            steer=self._steer(view, path), acceleration=self._acceleration(view, path, here, stop), car=self.car
+        acceleration = self._acceleration(view, path, here, stop)
+        return Action(
+            steer=min(max(self._steer(view, path), -1.0), 1.0),
+            throttle=min(max(acceleration / VEHICLE.acceleration, 0.0), 1.0),
+            brake=min(max(-acceleration / VEHICLE.braking, 0.0), 1.0),
         )
 
     def _forget(self) -> None:
@@ -120,22 +108,22 @@ class RuleDriver(ABC):
             beyond = view.lane[-1:] if choice is None else self.path_beyond(view, choice)
             self._path = _ahead(view, np.concatenate((view.lane, beyond)))
             self._line = self._path.project(*view.lane[-1].tolist())
-        return self._path, None if choice is not None else self._line - self.car.nose - self.manner.gap
+        return self._path, None if choice is not None else self._line - VEHICLE.half_length - self.manner.gap
 
     def _too_late_to_stop(self, view: View) -> bool:
-        return view.speed**2 > 2.0 * self.manner.hard_braking * max(0.0, view.stop_line - self.car.nose)
+        return view.speed**2 > 2.0 * self.manner.hard_braking * max(0.0, view.stop_line - VEHICLE.half_length)
 
     def _steer(self, view: View, path: Path) -> float:
         """Return the steering by pure pursuit from the rear axle (Coulter, CMU-RI-TR-92-01)."""
-        back = self.car.wheelbase / 2.0
+        back = VEHICLE.wheelbase / 2.0
         rear_x, rear_y = view.x - back * math.cos(view.yaw), view.y - back * math.sin(view.yaw)
         least, seconds, greatest = self.manner.look_ahead
         reach = min(max(least, seconds * view.speed), greatest)
         goal_x, goal_y = path.at(path.project(rear_x, rear_y) + reach)
         aside = -math.sin(view.yaw) * (goal_x - rear_x) + math.cos(view.yaw) * (goal_y - rear_y)
         square = (goal_x - rear_x) ** 2 + (goal_y - rear_y) ** 2
-        wheel = math.atan(2.0 * self.car.wheelbase * aside / square)
-        return -wheel / self.car.max_wheel_angle  # CARLA's steering is negative to the left
+        wheel = math.atan(2.0 * VEHICLE.wheelbase * aside / square)
+        return -wheel / VEHICLE.max_wheel_angle  # CARLA's steering is negative to the left
 
     def _acceleration(self, view: View, path: Path, here: float, stop: float | None) -> float:
         """Return the acceleration to ask of the engine or the brakes, m/s2."""
@@ -144,10 +132,9 @@ class RuleDriver(ABC):
         if stop is not None:
             speed = min(speed, math.sqrt(2.0 * manner.braking * max(0.0, stop - here)))
         if len(view.road_users):
-            body = {"nose": self.car.nose, "half_width": self.car.half_width}
-            speed = min(speed, speed_behind(path, here, view.road_users, braking=manner.braking, **body))
+            speed = min(speed, _speed_behind(path, here, view.road_users, manner.braking))
         if speed < 0.5:
-            return -self.car.braking
+            return -VEHICLE.braking
         return manner.gain * (speed - view.speed)
 
 
@@ -159,9 +146,28 @@ def _ahead(view: View, points: NDArray[np.floating]) -> Path:
     return Path.through(points)
 
 
-def _action(steer: float, acceleration: float, car: Car) -> Action:
-    return Action(
-        steer=min(max(steer, -1.0), 1.0),
-        throttle=min(max(acceleration / car.acceleration, 0.0), 1.0),
-        brake=min(max(-acceleration / car.braking, 0.0), 1.0),
-    )
+def _speed_behind(path: Path, here: float, road_users: NDArray[np.floating], braking: float) -> float:
+    """Return the speed from which a car can stop behind the road users in its way, m/s; infinite if there are none.
+
+    It is ``here`` metres along its path, and brakes by ``braking``, m/s2. The others are (N, 6): x, y, yaw, length,
+    width, speed; metres, radians, m/s.
+    """
+    limit = math.inf
+    for x, y, yaw, length, width, speed in road_users.tolist():
+        for seconds in _FORESIGHT if speed > 0.1 else _FORESIGHT[:1]:
+            there_x = x + seconds * speed * math.cos(yaw)
+            there_y = y + seconds * speed * math.sin(yaw)
+            along = path.project(there_x, there_y)
+            if not 0.0 < along - here < _SIGHT:
+                continue
+            on_x, on_y = path.at(along)
+            ahead_x, ahead_y = path.at(along + 0.5)
+            turned = yaw - math.atan2(ahead_y - on_y, ahead_x - on_x)
+            across = abs(length * math.sin(turned)) / 2 + abs(width * math.cos(turned)) / 2
+            if math.hypot(there_x - on_x, there_y - on_y) > VEHICLE.half_width + across + _CLEARANCE:
+                continue
+            reach = abs(length * math.cos(turned)) / 2 + abs(width * math.sin(turned)) / 2
+            gap = along - here - reach - VEHICLE.half_length - _STAND
+            away = max(0.0, speed * math.cos(turned))
+            limit = min(limit, math.sqrt(max(0.0, 2.0 * braking * gap + away * away)))
+    return limit

@@ -66,10 +66,8 @@ def trajectories(run: EvaluationRecord, *, width: float = COLUMN, towns: FindTow
 
     All approaches of a type lie over one another, turned so that the car comes from below.
 
-    Args:
-        run: EvaluationRecord with paths, from a run file or a service.
-        width: Width of the figure, inches.
-        towns: Returns the geometry of a town; see :func:`town_of` for those of a service.
+    The run is from a file or a service, and the width in inches. ``towns`` returns the geometry of a town; see
+    :func:`town_of` for those of a service.
 
     Raises:
         ResultsError: The run has no paths, or no twins, as a suite of journeys.
@@ -103,13 +101,9 @@ def trajectories(run: EvaluationRecord, *, width: float = COLUMN, towns: FindTow
 def beside_twins(
     run: EvaluationRecord, trials: Sequence[str] | None = None, *, width: float = PAGE, towns: FindTown = installed_town
 ) -> "Figure":
-    """Draw trials over their twins, a small map for each pair.
+    """Draw trials over their twins, a small map for each pair; run, width and towns are as for :func:`trajectories`.
 
-    Args:
-        run: EvaluationRecord with paths, from a run file or a service.
-        trials: Ids of the trials; by default unsafe ones, two rows of maps at most, evenly over types and faults.
-        width: Width of the figure, inches.
-        towns: As for :func:`trajectories`.
+    By default these are unsafe trials, two rows of maps at most, evenly over types and faults.
 
     Raises:
         ResultsError: The run has no such trial, no unsafe one, no paths, or no twins.

@@ -4,7 +4,6 @@ From Carton et al., "Evaluating Robustness over High Level Driving Instruction f
 "Evaluated agents". :func:`build` makes a network by the algorithm's name. :class:`Homoscedastic` joins two losses.
 """
 
-from wrongturn_agents.models.actor_critic import ActorCritic, Homoscedastic
-from wrongturn_agents.models.by_name import ALGORITHMS, build
+from wrongturn_agents.models.actor_critic import ALGORITHMS, ActorCritic, Homoscedastic, build
 
 __all__ = ["ALGORITHMS", "ActorCritic", "Homoscedastic", "build"]

@@ -1,16 +1,19 @@
 """The whole agent: an encoder, speed and steering beside it, and a policy and a value for each command."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Final
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from wrongturn_agents.models.branches import Branches
-from wrongturn_agents.models.encoders import FEATURES, Encoder
+from wrongturn_agents.models.encoders import FEATURES, AuxiliaryEncoder, Encoder, ImageEncoder, SegmentationEncoder
 from wrongturn_agents.models.inputs import Observation, wanted
 
+ALGORITHMS: Final = ("ppo-segmentation", "ppo-image", "ppo-auxiliary")
+"""The paper's three agents."""
 _MEASURED = 64
 _SPEED = 10.0  # m/s that count as 1
 _STD = (0.24, 0.40)  # of steering and accelerating, to begin with
@@ -105,6 +108,35 @@ class ActorCritic(nn.Module):
         needs them all the time.
         """
         self.encoder.update_statistics(observation)
+
+
+def build(
+    algorithm: str,
+    *,
+    seed: int | None = None,
+    masked_classes: float = 0.0,
+    frozen: bool = True,
+    activation: str = "tanh",
+) -> ActorCritic:
+    """Build the networks of one of :data:`ALGORITHMS`, untrained, on the CPU, with channels last in memory.
+
+    With a seed of the first weights, torch's own random state stays as it is. ``masked_classes`` is for
+    ``ppo-segmentation``: the probability that a class is hidden when observations are disturbed. ``frozen`` is for
+    ``ppo-image``: its ResNet learns segmentation unfrozen and drives frozen (``encoder.freeze(...)``).
+    """
+    encoders: dict[str, Callable[[], Encoder]] = {
+        "ppo-segmentation": lambda: SegmentationEncoder(masked_classes),
+        "ppo-image": lambda: ImageEncoder(frozen=frozen),
+        "ppo-auxiliary": AuxiliaryEncoder,
+    }
+    if algorithm not in encoders:
+        raise ValueError(f"algorithm: {algorithm!r} is none of {', '.join(ALGORITHMS)}")
+    with torch.random.fork_rng(devices=[], enabled=seed is not None):
+        if seed is not None:
+            torch.manual_seed(seed)
+        model = ActorCritic(algorithm, encoders[algorithm](), activation=activation)
+    model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    return model
 
 
 def controls(action: Tensor) -> Tensor:

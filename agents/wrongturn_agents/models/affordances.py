@@ -63,13 +63,10 @@ class AffordanceHeads(nn.Module):
         return Affordances(inside, *(number * scale for number, scale in zip(measured, _SCALES, strict=True)))
 
     def loss(self, encoded: Tensor, segmentation: Tensor, truth: Affordances) -> Tensor:
-        """Return the sum of the losses.
+        """Return the sum of the losses of encodings (B, C, 2, 6), by the newest pictures' truth.
 
-        Args:
-            encoded: (B, C, 2, 6).
-            segmentation: (B, 64, 192) uint8, of the newest picture.
-            truth: affordances of the newest picture. Beside and to the lane count only outside junctions: within one
-                there is a lane for each exit.
+        Their segmentation is (B, 64, 192) uint8. Beside and to the lane count only outside junctions: within one there
+        is a lane for each exit.
         """
         wanted = self.groups[segmentation.long()]
         classes = functional.cross_entropy(self.decoder(encoded).float(), wanted)

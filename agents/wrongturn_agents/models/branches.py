@@ -39,8 +39,6 @@ class Branches(nn.Module):
 
     def __init__(self, features: int, hidden: int = 128, actions: int = 2, activation: str = "tanh") -> None:
         super().__init__()
-        if activation not in ACTIVATIONS:
-            raise ValueError(f"activation: {activation!r} is none of {', '.join(ACTIVATIONS)}")
         self._active = ACTIVATIONS[activation]
         gain = math.sqrt(2)
         self.common = _BranchedLinear(features, hidden, gain)

@@ -35,8 +35,6 @@ class Doubt(nn.Module):
 
     def __init__(self, key: str) -> None:
         super().__init__()
-        if key not in {"rgb", "segmentation"}:
-            raise ValueError(f"key: {key!r} is no picture; give rgb or segmentation")
         self.key = key
         self.augmentation = Augmentation()
         layers: list[nn.Module] = []

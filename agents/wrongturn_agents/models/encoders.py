@@ -87,8 +87,6 @@ class MaskedClasses(nn.Module):
 
     def __init__(self, probability: float) -> None:
         super().__init__()
-        if not 0.0 <= probability <= 1.0:
-            raise ValueError(f"masked_classes: {probability}; it is a probability, from 0 to 1")
         self.probability = probability
 
     def forward(self, segmentation: Tensor, generator: torch.Generator | None = None) -> Tensor:

@@ -50,21 +50,12 @@ class ValueNetwork(nn.Module):
         middles = (torch.arange(_QUANTILES) + 0.5) / _QUANTILES
         self.register_buffer("middles", middles.unsqueeze(0), persistent=False)
 
-    def draw_noise(self, rows: int, generator: torch.Generator | None = None) -> Tensor:
-        """Return noise for a batch, (rows, ``heads.noise_width``)."""
-        return self.heads.draw_noise(rows, generator)
-
     def forward(
         self, encoded: Tensor, measured: Tensor, command: Tensor, shares: Tensor, noise: Tensor | None = None
     ) -> Tensor:
-        """Return quantiles (B, N, actions).
+        """Return quantiles (B, N, actions) at shares (B, N) in [0, 1], for an encoding (B, width).
 
-        Args:
-            encoded: (B, width).
-            measured: (B, 2): speed, m/s, and steering.
-            command: (B, 1) or (B,) int64.
-            shares: (B, N) in [0, 1]: which quantiles.
-            noise: of :meth:`draw_noise`; None for the mean weights.
+        ``measured`` (B, 2) is speed, m/s, and steering. Without noise of its heads, weights are the mean ones.
         """
         scaled = measured * torch.tensor([1.0 / _SPEED, 1.0], device=measured.device)
         features = torch.cat([self.projection(encoded.float()), self.measurements(scaled)], 1)

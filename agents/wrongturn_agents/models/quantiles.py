@@ -17,10 +17,8 @@ class NoisyBranches(nn.Module):
     """Four noisy linear layers side by side, one for each command: (B, N, inputs) and commands to (B, N, outputs).
 
     Fortunato et al., "Noisy networks for exploration" (ICLR 2018), with factorised Gaussian noise. Each row of a batch
-    has its own: w + s * (a x b), with a of the inputs and b of the outputs.
-
-    Args:
-        deviation: first deviation of the noise, times the square root of ``inputs``.
+    has its own: w + s * (a x b), with a of the inputs and b of the outputs. ``deviation`` is the first one of the
+    noise, times the square root of ``inputs``.
     """
 
     def __init__(self, inputs: int, outputs: int, deviation: float) -> None:
@@ -38,12 +36,9 @@ class NoisyBranches(nn.Module):
         return self.inputs + self.outputs
 
     def forward(self, features: Tensor, branch: Tensor, noise: Tensor | None) -> Tensor:
-        """Return the outputs of each row's branch.
+        """Return the outputs of each row's branch, (B,) int64, its place in :data:`COMMANDS`, for (B, N, inputs).
 
-        Args:
-            features: (B, N, inputs).
-            branch: (B,) int64, the row's place in :data:`COMMANDS`.
-            noise: (B, inputs + outputs) of :func:`draw_noise`; None for the mean weights.
+        The noise is (B, inputs + outputs) of :func:`draw_noise`; None for the mean weights.
         """
         steady = self._branch(features, self.weight, self.bias, branch)
         if noise is None:
@@ -70,9 +65,7 @@ def draw_noise(rows: int, width: int, device: torch.device, generator: torch.Gen
 class QuantileHeads(nn.Module):
     """From features and shares of the return's distribution to the quantile of each action, with a head per command.
 
-    Args:
-        hidden: units of each stream's hidden layer.
-        deviation: first deviation of the noise.
+    Each stream has ``hidden`` units; ``deviation`` is the first one of the noise.
     """
 
     cosines: Tensor
@@ -95,13 +88,10 @@ class QuantileHeads(nn.Module):
         return draw_noise(rows, self.noise_width, self.cosines.device, generator)
 
     def forward(self, features: Tensor, command: Tensor, shares: Tensor, noise: Tensor | None = None) -> Tensor:
-        """Return the quantiles (B, N, actions) of the commanded heads.
+        """Return the quantiles (B, N, actions) of the commanded heads, for features (B, F) and commands (B, 1) or (B,).
 
-        Args:
-            features: (B, features).
-            command: (B, 1) or (B,) int64.
-            shares: (B, N) or (1, N) in [0, 1]: which quantiles.
-            noise: (B, ``noise_width``); None drives by the mean weights.
+        Shares, (B, N) or (1, N) in [0, 1], say which quantiles. Noise is (B, ``noise_width``); None drives by the mean
+        weights.
         """
         branch = branch_of(command)
         of_hidden = of_value = of_advantage = None
@@ -120,11 +110,8 @@ class QuantileHeads(nn.Module):
 def quantile_huber(found: Tensor, wanted: Tensor, shares: Tensor, kappa: float = 1.0) -> Tensor:
     """Return each row's quantile regression loss (B,): summed over its quantiles, averaged over the targets.
 
-    Args:
-        found: (B, N) quantiles of the action that was taken.
-        wanted: (B, M) samples of the target.
-        shares: (B, N) in [0, 1] that ``found`` is of.
-        kappa: errors up to this count by their square.
+    It is of quantiles (B, N) of the action that was taken, at shares (B, N) in [0, 1], against samples (B, M) of the
+    target. Errors up to kappa count by their square.
     """
     error = wanted.unsqueeze(1) - found.unsqueeze(2)
     size = functional.huber_loss(error, torch.zeros_like(error), reduction="none", delta=kappa) / kappa

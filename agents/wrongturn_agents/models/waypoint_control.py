@@ -6,12 +6,11 @@ from typing import Final
 import torch
 from torch import Tensor, nn
 
-from wrongturn_agents.baselines import Car
 from wrongturn_agents.models.waypoints import APART, COUNT
+from wrongturn_protocol.vehicle import VEHICLE
 
 MEMORY: Final = 2
 """Numbers that the controllers remember: the mean errors of steering and of speed. They begin with zeros."""
-CAR: Final = Car()
 
 
 @dataclass(frozen=True)
@@ -47,8 +46,12 @@ class WaypointControl(nn.Module):
         means = memory + (errors - memory) * (0.1 / gains.lasting)
         steer = gains.steer[0] * errors[:, 0] + gains.steer[1] * means[:, 0]
         pull = gains.speed[0] * errors[:, 1] + gains.speed[1] * means[:, 1]
-        pull = torch.where(mean_speed(waypoints) < gains.standing, torch.full_like(pull, -CAR.braking), pull)
-        action = [steer.clamp(-1.0, 1.0), (pull / CAR.acceleration).clamp(0.0, 1.0), (-pull / CAR.braking).clamp(0, 1)]
+        pull = torch.where(mean_speed(waypoints) < gains.standing, torch.full_like(pull, -VEHICLE.braking), pull)
+        action = [
+            steer.clamp(-1.0, 1.0),
+            (pull / VEHICLE.acceleration).clamp(0.0, 1.0),
+            (-pull / VEHICLE.braking).clamp(0, 1),
+        ]
         return torch.stack(action, 1), means
 
 
@@ -60,6 +63,6 @@ def mean_speed(waypoints: Tensor) -> Tensor:
 
 def steering_to(place: Tensor) -> Tensor:
     """Return the steering (B,) whose arc leads the rear axle through places (B, 2); negative to the left."""
-    ahead, left = place[:, 0] + CAR.wheelbase / 2.0, place[:, 1]
+    ahead, left = place[:, 0] + VEHICLE.wheelbase / 2.0, place[:, 1]
     curvature = 2.0 * left / (ahead.square() + left.square()).clamp_min(1.0)
-    return -torch.atan(CAR.wheelbase * curvature) / CAR.max_wheel_angle
+    return -torch.atan(VEHICLE.wheelbase * curvature) / VEHICLE.max_wheel_angle

@@ -12,6 +12,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from torch import Tensor
 
 from wrongturn_agents.training.action import ACTION_SPACE, controls
+from wrongturn_agents.training.drive import SLOW
 from wrongturn_agents.training.drives_config import CarsConfig, DrivesConfig
 from wrongturn_agents.training.vec_env import WrongturnVecEnv
 from wrongturn_protocol import TRAINING_WEATHERS, Task, Traffic
@@ -25,8 +26,6 @@ STANDING: Final = "not_engaged"
 """Verdict of a drive that ended because the car stood still."""
 VERDICTS: Final = (*sorted(FAILURES), STANDING, "timeout")
 """Verdicts with which a drive may end in training."""
-SLOW: Final = 0.3
-"""A slower car counts as standing, m/s."""
 _NOTHING: Final[dict[str, Any]] = {}
 
 Observations = dict[str, Tensor]
@@ -90,8 +89,7 @@ class DrivingVecEnv(WrongturnVecEnv):
         self._returns += rewards
         self._lengths += 1
         scaled = (rewards / self._divisor).astype(np.float32)
-        stands = np.asarray(observation["speed"])[:, 0] < SLOW
-        stands &= ~self._batch.waits
+        stands = (np.asarray(observation["speed"])[:, 0] < SLOW) & ~self._batch.waits
         scaled -= self._standing_cost * (stands & ~ended)  # an ended car's speed is already that of its next drive
         infos: list[dict[str, Any]] = [_NOTHING] * self.num_envs
         for i in np.flatnonzero(ended).tolist():

@@ -13,7 +13,7 @@ from torch import Tensor
 from wrongturn_protocol import Outcome, Track, Trial
 from wrongturn_sim import FleetTraffic, WrongturnVectorEnv
 
-_STANDING = 0.3
+SLOW = 0.3
 """A slower car counts as standing, m/s."""
 _PER_SECOND = 10
 """Decisions in a second."""
@@ -147,7 +147,7 @@ def _in_town(
             observation, earned, terminated, truncated, infos = envs.step(actions)
             ended = terminated | truncated
             rewards += earned
-            stands = (np.asarray(observation["speed"])[:, 0] < _STANDING) & ~envs.waits
+            stands = (np.asarray(observation["speed"])[:, 0] < SLOW) & ~envs.waits
             stood = np.where(stands, stood + 1, 0)
             if stop():
                 left = [number for number in (*driving, *waiting) if number is not None]

@@ -79,12 +79,8 @@ class Evaluation:
     ) -> "list[Evaluation] | None":
         """Evaluate several agents at once, on the journeys that all of them have ended.
 
-        Args:
-            models: the agents.
-            trials: journeys that each agent drives.
-            stop: called before each decision; True gives up the drives that have not ended.
-            least: number of journeys, alone and beside traffic, below which there is no result; all by default.
-            options: arguments of :func:`~wrongturn_agents.training.drive.drive_trials`.
+        There is no result of fewer journeys, alone and beside traffic, than ``least``; by default of fewer than all.
+        The rest is as in :func:`~wrongturn_agents.training.drive.drive_trials`.
         """
         driven = drive_trials(models, trials, stop=stop, **options)
         ended = [k for k in range(len(trials)) if not any(drives[k].stopped for drives in driven)]

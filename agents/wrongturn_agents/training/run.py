@@ -193,13 +193,10 @@ class Run:
         track: str | None = None,
         stop: Callable[[], bool] | None = None,
     ) -> list[Evaluation] | None:
-        """Drive held-out journeys with several agents at once.
+        """Drive held-out journeys with several agents at once: the shortest ones, or all if they are the last.
 
-        Args:
-            agents: the agents.
-            last: drive all journeys, instead of the shortest ones.
-            track: track of their observations; the settings' by default.
-            stop: returns whether to give up, which leaves None; by default when the minutes are used.
+        The track of their observations is the settings' by default. ``stop`` returns whether to give up, which leaves
+        None; by default when the minutes are used.
         """
         settings, begin = self.settings, time.monotonic()
         trials = self._journeys if last else self.brief
@@ -226,15 +223,10 @@ class Run:
         self, file: str, agent: nn.Module, steps: int, evaluation: Any = None, *, algorithm: str | None = None,
         halved: bool = False,
     ) -> None:  # fmt: skip
-        """Write a checkpoint; ``best.pt`` is what the run returns.
+        """Write a checkpoint of an agent that learned from some steps; ``best.pt`` is what the run returns.
 
-        Args:
-            file: name of the file.
-            agent: the agent.
-            steps: steps that it learned from.
-            evaluation: an :class:`Evaluation`, or a dict of figures.
-            algorithm: which of the method's agents it is; the first by default.
-            halved: store the weights in half precision.
+        The evaluation is an :class:`Evaluation`, or a dict of figures. The agent is the method's first, unless
+        ``algorithm`` names another. ``halved`` stores the weights in half precision.
         """
         said = asdict(evaluation) if isinstance(evaluation, Evaluation) else evaluation or {}
         name = algorithm or self.method.name

@@ -1,4 +1,3 @@
-import pytest
 import torch
 
 from wrongturn_agents.models import build
@@ -39,9 +38,3 @@ def test_without_it_nothing_is_hidden_and_driving_never_hides(batch):
     model = build("ppo-segmentation", seed=0, masked_classes=1.0)
     torch.testing.assert_close(model.drive(observation), plain.drive(observation))
     assert not torch.allclose(model.features(model.disturb(observation)), plain.features(observation))
-
-
-@pytest.mark.parametrize("probability", [-0.1, 1.1])
-def test_a_number_that_is_no_probability_is_refused(probability):
-    with pytest.raises(ValueError, match=r"masked_classes.*from 0 to 1"):
-        MaskedClasses(probability)

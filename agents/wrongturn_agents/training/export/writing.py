@@ -48,12 +48,8 @@ def export_graph(
 ) -> onnx.ModelProto:
     """Return a module's graph, without notes that name this machine's folders.
 
-    Args:
-        module: what to export.
-        arguments: examples of its arguments by keyword: tensors, or dicts of them.
-        inputs: names of the inputs, in the order of the arguments' tensors.
-        outputs: names of the outputs.
-        dynamic_shapes: free axes, by argument, as ``torch.export`` takes them; None for none.
+    Arguments are examples by keyword: tensors, or dicts of them. Inputs are names in the order of these tensors, and
+    ``dynamic_shapes`` free axes by argument, as ``torch.export`` takes them.
     """
     # Messages are about optional packages and the exporter's own deprecations.
     with quiet("torch.onnx._internal.exporter._registration"), warnings.catch_warnings():

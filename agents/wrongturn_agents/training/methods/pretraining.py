@@ -64,10 +64,7 @@ class WanderingCars:
     """Cars that drive about at random, and show ``rgb`` and ``segmentation``.
 
     If the settings have traffic, all drives have the most of it: the policy cannot see what a frozen encoder never saw.
-
-    Args:
-        seed: seed of drives and controls.
-        journeys: further options of the drives, such as ``time_limit``.
+    ``journeys`` are further options of the drives, such as ``time_limit``.
     """
 
     def __init__(
@@ -102,13 +99,9 @@ def pretrain(
 ) -> None:
     """Teach a module to see while pictures are rendered, and write ``pretraining.json``.
 
-    Args:
-        run: has the numbers of pictures and passes, the minibatch's size and the budget.
-        module: what learns. It is in evaluation mode afterwards.
-        pictures: renders the next pictures of all cars, (n, ...) each.
-        loss_of: returns the loss of a minibatch.
-        one_cycle: the learning rate goes through torch's OneCycleLR, by minibatches; else it rises and falls by the
-            share that is over.
+    ``pictures`` renders the next pictures of all cars, (n, ...) each; ``loss_of`` returns the loss of a minibatch of
+    them. With ``one_cycle`` the learning rate goes through torch's OneCycleLR, by minibatches; else it rises and falls
+    by the share that is over. The module is in evaluation mode afterwards.
     """
     config, budget, device = run.settings, run.budget, run.device
     frames, batch, begin = config.pretraining_frames, config.pretraining_batch, budget.used

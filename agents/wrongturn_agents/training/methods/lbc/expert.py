@@ -9,11 +9,11 @@ from typing import Final, NamedTuple
 import torch
 from torch import Tensor
 
-from wrongturn_agents.baselines import Car, Manner
+from wrongturn_agents.baselines import Manner
 from wrongturn_agents.models.birdview import seen_from_car
 from wrongturn_agents.models.waypoints import APART, COUNT
+from wrongturn_protocol.vehicle import VEHICLE
 
-CAR: Final = Car()
 MANNER: Final = Manner(cruise=9.7)
 """The paper's 35 km/h on an open street; the rest as the baselines."""
 _STEP: Final = 0.1
@@ -42,17 +42,10 @@ def situation(
     pose: Tensor, lane: Tensor, stop_line: Tensor, exits: Tensor, turn: Tensor, speed: Tensor, steering: Tensor,
     permitted: Tensor,
 ) -> Situation:  # fmt: skip
-    """Return what the expert knows.
+    """Return what the expert knows, from arrays of the privileged observation, (n, ...) each, and the simulation.
 
-    Args:
-        pose: (n, 3): x, y, yaw.
-        lane: (n, 60, 2): as in the privileged observation.
-        stop_line: (n, 1): likewise.
-        exits: (n, 3, 60, 2): likewise.
-        turn: (n,) int64: direction of the route at the next junction; 0 where there is none.
-        speed: (n, 1) m/s.
-        steering: (n, 1).
-        permitted: (n,): speed that other road users permit, m/s.
+    ``turn`` (n,) int64 is the direction of the route at the next junction, 0 where there is none; ``permitted`` (n,)
+    the speed that other road users permit, m/s.
     """
     route = exits.gather(1, (turn - 1).clamp(0, 2).view(-1, 1, 1, 1).expand(-1, 1, *exits.shape[2:]))[:, 0]
     knows = (turn > 0) & (route.abs().sum((1, 2)) > 0.0)
@@ -79,7 +72,7 @@ def plan(known: Situation) -> Tensor:
     along = torch.cat([torch.zeros_like(lengths[:, :1]), lengths.cumsum(1)], 1)
     bends = _bends(segments, lengths)
     limits = (MANNER.lateral / bends.clamp_min(1e-6)).clamp(max=900.0)
-    half = 0.5 * CAR.wheelbase
+    half = 0.5 * VEHICLE.wheelbase
     x, y, yaw, driven = (torch.zeros_like(known.speed) for _ in range(4))
     speed, steering = known.speed, known.steering
     found = []
@@ -88,13 +81,13 @@ def plan(known: Situation) -> Tensor:
         here = _project(path, segments, lengths, along, rear)
         wanted = _speed(here + half, along, limits, (known.free - driven).clamp_min(0.0))
         pull = MANNER.gain * (wanted - speed)
-        pull = torch.where(wanted < 0.5, torch.full_like(pull, -CAR.braking), pull).clamp(
-            -CAR.braking, CAR.acceleration
+        pull = torch.where(wanted < 0.5, torch.full_like(pull, -VEHICLE.braking), pull).clamp(
+            -VEHICLE.braking, VEHICLE.acceleration
         )
         steer = _pursue(path, along, here, rear, yaw, speed)
         steering = steering + (steer - steering).clamp(-_SLEW * _STEP, _SLEW * _STEP)
         speed = (speed + pull * _STEP).clamp_min(0.0)
-        yaw = yaw + speed * _STEP * torch.tan(-steering * CAR.max_wheel_angle) / CAR.wheelbase
+        yaw = yaw + speed * _STEP * torch.tan(-steering * VEHICLE.max_wheel_angle) / VEHICLE.wheelbase
         forward = speed * _STEP + half
         x, y = rear[:, 0] + forward * yaw.cos(), rear[:, 1] + forward * yaw.sin()
         driven = driven + speed * _STEP
@@ -141,5 +134,5 @@ def _pursue(path: Tensor, along: Tensor, here: Tensor, rear: Tensor, yaw: Tensor
     points = [path.gather(1, index[..., None].expand(-1, -1, 2))[:, 0] for index in (after - 1, after)]
     to_goal = points[0] + share * (points[1] - points[0]) - rear
     left = to_goal[:, 1] * yaw.cos() - to_goal[:, 0] * yaw.sin()
-    wheel = torch.atan(2.0 * CAR.wheelbase * left / to_goal.square().sum(1).clamp_min(1.0))
-    return (-wheel / CAR.max_wheel_angle).clamp(-1.0, 1.0)
+    wheel = torch.atan(2.0 * VEHICLE.wheelbase * left / to_goal.square().sum(1).clamp_min(1.0))
+    return (-wheel / VEHICLE.max_wheel_angle).clamp(-1.0, 1.0)

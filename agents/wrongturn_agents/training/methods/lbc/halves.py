@@ -257,12 +257,9 @@ def round_of(share: float, config: LBCConfig) -> int:
 
 
 def picture_loss(found: Tensor, wanted: Tensor, weights: Tensor) -> Tensor:
-    """Return the mean distance of points in the picture along rows and columns, pixels.
+    """Return the mean distance along rows and columns of points (n, 4, 5, 2) in the picture, -1 to 1, in pixels.
 
-    Args:
-        found: (n, 4, 5, 2), -1 to 1.
-        wanted: (n, 4, 5, 2).
-        weights: (n, 4): 0 for commands that do not count.
+    Weights (n, 4) are 0 for commands that do not count.
     """
     half = torch.tensor(SIZE, device=found.device) / 2.0
     pixels = ((found.float() - wanted).abs() * half).mean((2, 3))

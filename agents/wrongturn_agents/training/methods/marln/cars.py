@@ -21,9 +21,7 @@ class FrameStack:
     def push(self, rgb: Tensor, begun: Tensor) -> Tensor:
         """Return the stacks (n, 4, 64, 192, 3) uint8, the newest last; the next call overwrites them.
 
-        Args:
-            rgb: (n, 64, 192, 3) uint8.
-            begun: (n,) bool: whether the picture is the first of a drive.
+        ``rgb`` is (n, 64, 192, 3) uint8, and ``begun`` (n,) whether the picture is the first of a drive.
         """
         again = rgb.unsqueeze(1).expand(-1, FRAMES, -1, -1, -1)
         if self._frames is None:
@@ -49,7 +47,7 @@ class Cars:
         self._generator, self._device = generator, generator.device
         self._stack = FrameStack()
         self._table = np.array(ACTIONS, np.float32)
-        self._noise = model.values.draw_noise(envs.num_envs, generator)
+        self._noise = model.values.heads.draw_noise(envs.num_envs, generator)
         self._draws = model.augmentation.draw(envs.num_envs, self._device, generator)
         self._steps = 0
         begun = torch.ones(envs.num_envs, dtype=torch.bool, device=self._device)
@@ -80,7 +78,7 @@ class Cars:
         every = self._config.noise_decisions
         turn = slice(self._steps % every, None, every)
         rows = len(self._noise[turn])
-        self._noise[turn] = self._model.values.draw_noise(rows, self._generator)
+        self._noise[turn] = self._model.values.heads.draw_noise(rows, self._generator)
         self._draws[turn] = self._model.augmentation.draw(rows, self._device, self._generator)
         self._steps += 1
 

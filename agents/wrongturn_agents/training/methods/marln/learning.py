@@ -54,7 +54,7 @@ class Learner:
         rows, values = len(sample.places), self.values
         wanted = self.wanted(sample)
         shares = self._shares(rows, self.config.quantiles)
-        noise = values.draw_noise(rows, self._generator)
+        noise = values.heads.draw_noise(rows, self._generator)
         quantiles = values(*sample.now[:3], shares, noise)
         found = _of_action(quantiles, sample.now.action)
         return quantile_huber(found, wanted, shares, self.config.kappa)
@@ -65,7 +65,7 @@ class Learner:
         rows, count = len(sample.now.action), self.config.target_quantiles
         quantiles = []
         for network in (self.values, self.target):
-            noise = network.draw_noise(rows, self._generator)
+            noise = network.heads.draw_noise(rows, self._generator)
             shares = self._shares(rows, count)
             quantiles.append(network(*sample.later[:3], shares, noise))
         following = _of_action(quantiles[1], quantiles[0].mean(1).argmax(1))
