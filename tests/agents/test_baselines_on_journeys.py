@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from handmade_street import LANE_Y, STOP_X, Street
-from in_process import drive
 
 from wrongturn_agents.baselines import Careful
 from wrongturn_networks import load_suite
-from wrongturn_protocol import Command, Verdict
-from wrongturn_protocol.observations import Observation
+from wrongturn_protocol import Command, Track, Verdict
+from wrongturn_protocol.observations import Observation, observation_space
+from wrongturn_sim import Episode
 
 OTHER_X = STOP_X - 6.0
 
@@ -59,7 +59,12 @@ def test_careful_passes_who_is_beside_its_way(side):
     ],
 )
 def test_careful_arrives(trial):
-    outcome = drive(Careful(), load_suite("navigation@1").trial(trial))
-    assert outcome.verdict is Verdict.ARRIVED
-    assert outcome.journey is not None
-    assert outcome.journey.clean
+    episode, agent = Episode(load_suite("navigation@1").trial(trial), Track.PRIVILEGED), Careful()
+    observation = episode.reset()
+    agent.reset(observation_space(Track.PRIVILEGED))
+    while episode.outcome is None:
+        action = agent.act(observation)
+        observation = episode.step(action.steer, action.throttle, action.brake).observation
+    assert episode.outcome.verdict is Verdict.ARRIVED
+    assert episode.outcome.journey is not None
+    assert episode.outcome.journey.clean

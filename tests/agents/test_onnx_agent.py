@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from control_onnx import write_adder, write_identity
+from control_onnx import write_adder, write_concat_model, write_identity, write_model
 from onnx import TensorProto, helper
-from tiny_onnx import write_concat_model
 
 from wrongturn_agents import resolve
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError, RunError
@@ -144,17 +143,10 @@ def test_a_model_against_the_contract(tmp_path, inputs, extra, says):
 )
 def test_a_graph_that_cannot_drive_is_told_before_anything_is_begun(tmp_path, node, says):
     """Its declared shapes are free, so only a step shows the mistake."""
-    graph = helper.make_graph(
-        [node],
-        "graph",
-        [helper.make_tensor_value_info("speed", TensorProto.FLOAT, [None, None])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [None, None])],
-        initializer=[helper.make_tensor("weight", TensorProto.FLOAT, [2, 3], [0.0] * 6)],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    (tmp_path / "free.onnx").write_bytes(model.SerializeToString())
+    free, weight = (None, None), helper.make_tensor("weight", TensorProto.FLOAT, [2, 3], [0.0] * 6)
+    file = write_model(tmp_path / "free.onnx", [node], {"speed": free}, {"action": free}, initializer=[weight])
     with pytest.raises(ModelFileError, match=says):
-        resolve(str(tmp_path / "free.onnx"))
+        resolve(str(file))
 
 
 def test_a_file_that_is_no_model(tmp_path):

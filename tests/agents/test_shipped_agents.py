@@ -18,11 +18,6 @@ NAMES = sorted(SHIPPED_AGENTS)
 PRIVILEGED = "lbc-privileged"
 
 
-def needs_weights(name: str) -> None:
-    if not SHIPPED_AGENTS[name].file.is_file():
-        pytest.skip(f"the weights of {name} are not there yet")
-
-
 def test_the_trained_are_listed_as_references_after_the_baselines():
     listed = {agent.name: agent for agent in list_agents()}
     after = [name for name in listed if listed[name].kind is not AgentKind.EXPLOIT]
@@ -32,6 +27,10 @@ def test_the_trained_are_listed_as_references_after_the_baselines():
     other = {"ppo-segmentation": Track.SEGMENTATION, PRIVILEGED: Track.PRIVILEGED}
     assert {name: listed[name].track for name in trained} == dict.fromkeys(trained, Track.CAMERA) | other
     assert {listed[name].kind for name in SHIPPED_AGENTS} == {AgentKind.REFERENCE}
+    assert {name: listed[name].track for name in DOUBTING_AGENTS} == {
+        "doubting": Track.CAMERA,
+        "doubting-segmentation": Track.SEGMENTATION,
+    }
 
 
 def test_missing_weights_are_told_with_the_remedy(monkeypatch, tmp_path):
@@ -40,6 +39,8 @@ def test_missing_weights_are_told_with_the_remedy(monkeypatch, tmp_path):
         resolve("ppo-image").make()
     with pytest.raises(ModelFileError, match=r"train lbc --seed 1'.* runs/lbc-1/privileged\.pt lbc-privileged\.onnx"):
         resolve(PRIVILEGED).make()
+    with pytest.raises(ModelFileError, match=r"ships no weights of it; train it .*train doubting --seed 1"):
+        resolve("doubting").make()
 
 
 def test_agents_without_weights_are_listed_as_such(monkeypatch, tmp_path):
@@ -51,19 +52,20 @@ def test_agents_without_weights_are_listed_as_such(monkeypatch, tmp_path):
     assert "No weights" not in said["ppo-segmentation"]
 
 
-def test_broken_weights_are_told_with_the_remedy(monkeypatch, tmp_path):
+@pytest.mark.parametrize(("name", "file"), [("ppo-image", "ppo-image.onnx"), ("doubting", "doubting.gate.onnx")])
+def test_broken_weights_are_told_with_the_remedy(monkeypatch, tmp_path, name, file):
     pytest.importorskip("onnxruntime")
     monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
-    (tmp_path / "ppo-image.onnx").write_text("not a model")
-    with pytest.raises(ModelFileError, match="weights of ppo-image are broken; install wrongturn-agents again"):
-        resolve("ppo-image").make()
+    (tmp_path / file).write_text("not a model")
+    with pytest.raises(ModelFileError, match=f"weights of {name} are broken; install wrongturn-agents again"):
+        resolve(name).make()
 
 
 @pytest.mark.skipif(importlib.util.find_spec("onnxruntime") is None, reason="onnxruntime is not installed")
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*NAMES, *DOUBTING_AGENTS])
 def test_the_weights_are_that_agent(name):
-    needs_weights(name)
     source = resolve(name)
+    assert source.trained_on_faults is (name in DOUBTING_AGENTS)
     agent = source.make()
     assert (agent.name, agent.track) == (name, source.track)
     space = observation_space(source.track)
@@ -82,7 +84,6 @@ def test_the_weights_are_that_agent(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_the_weights_drive_as_their_checkpoint_did(name):
     """By what the export found on 200 recorded observations, and wrote down in the file."""
-    needs_weights(name)
     told = open_session(SHIPPED_AGENTS[name].file).get_modelmeta().custom_metadata_map
     found = json.loads(told["agreement"])
     assert found["observations"] == 200
@@ -96,7 +97,5 @@ def test_the_weights_drive_as_their_checkpoint_did(name):
 
 
 def test_the_weights_are_small_enough_for_a_package():
-    if not all(SHIPPED_AGENTS[name].file.is_file() for name in NAMES):
-        pytest.skip("not all weights are there yet")
     # Five ResNets in 8 bits and a small network: compressed in a wheel, below the 100 MB that indexes take.
     assert sum(SHIPPED_AGENTS[name].file.stat().st_size for name in NAMES) < 115e6

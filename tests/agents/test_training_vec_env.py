@@ -84,9 +84,8 @@ def test_a_trial_by_the_options():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("track", ["state", "privileged", "camera"])
-def test_ppo_takes_steps(track):
-    envs = WrongturnVecEnv(2, town="junctions", track=track, fault="infeasible", threads=2)
+def test_ppo_takes_steps():
+    envs = WrongturnVecEnv(2, town="junctions", track="camera", fault="infeasible", threads=2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # advice on images
         model = sb3.PPO("MultiInputPolicy", envs, n_steps=10, batch_size=10, n_epochs=1, device="cpu", seed=1)

@@ -1,32 +1,14 @@
-import sys
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 
 import pytest
 import torch
 from torch import Tensor
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
-from small_networks import small_networks
-
 Batch = Callable[..., dict[str, Tensor]]
 
 
-@pytest.fixture(scope="package", autouse=True)
-def one_thread() -> Iterator[None]:
-    """Such small batches are slower with threads that wait for each other."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
-@pytest.fixture(scope="module", name="small_networks")
-def _small_networks() -> Iterator[None]:
-    """Build the agents of a module with few channels and one block in each stage."""
-    with small_networks():
-        yield
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread(one_thread: None) -> None: ...
 
 
 @pytest.fixture(scope="session")

@@ -157,19 +157,6 @@ def test_a_choice_ends_even_if_the_junction_seems_to_have_no_end() -> None:
     assert FOLLOW in obeyed[60:]
 
 
-def test_cars_of_a_batch_do_not_see_each_other() -> None:
-    random = torch.Generator().manual_seed(1)
-    gate = Gate()
-    logits, distance = torch.randn(16, 3, generator=random) * 4, torch.rand(16, 1, generator=random) * 40
-    speed, memory = torch.rand(16, 1, generator=random) * 9, torch.rand(16, MEMORY, generator=random) * 3
-    command = torch.randint(-1, 5, (16, 1), generator=random)
-    together = gate(logits, distance, speed, command, memory)
-    for k in range(16):
-        rows = slice(k, k + 1)
-        alone = gate(logits[rows], distance[rows], speed[rows], command[rows], memory[rows])
-        assert all(torch.equal(whole[rows], part) for whole, part in zip(together, alone, strict=True))
-
-
 def test_ablations_let_their_wrong_commands_through() -> None:
     missing = drive(T_LEFT_RIGHT, window(STRAIGHT), gate=Gate(GateConfig(infeasible=False)))
     assert STRAIGHT in missing[LINE - 8 : AWAY]

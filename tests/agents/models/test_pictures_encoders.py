@@ -1,8 +1,8 @@
 import pytest
 import torch
-from torch import nn
 
 from wrongturn_agents.models import build
+from wrongturn_agents.models.linknet import LinkNetDecoder
 
 
 @pytest.fixture(scope="module")
@@ -56,13 +56,6 @@ def test_segmentation_teaches_the_shared_stages_and_its_own_alone(auxiliary, bat
     assert gradient_norm(encoder.network.stages[3]) == 0
     assert gradient_norm(encoder.projection) == 0
     assert gradient_norm(auxiliary.branches) == 0
-
-
-def test_the_last_stage_is_doubled_and_not_shared(auxiliary):
-    driving = dict(auxiliary.encoder.network.stages[3].named_parameters())
-    for name, parameter in auxiliary.encoder.segmenting.named_parameters():
-        assert parameter.shape == driving[name].shape
-        assert parameter is not driving[name]
 
 
 def test_driving_never_changes_batch_normalisation(auxiliary, image, batch):
@@ -130,8 +123,14 @@ def test_unfrozen_it_learns_segmentation_and_driving(image, batch, gradient_norm
     assert changed(image.encoder.network, before) == list(before)
 
 
-def test_no_batch_normalisation_escapes(auxiliary):
-    kinds = {
-        type(module) for module in auxiliary.encoder.modules() if isinstance(module, nn.modules.batchnorm._NormBase)
-    }
-    assert kinds == {nn.BatchNorm2d}
+@torch.no_grad()
+def test_the_decoder_gives_logits_for_each_pixel_and_each_link_matters():
+    torch.manual_seed(0)
+    decoder = LinkNetDecoder().eval()
+    sizes = [(256, 4, 12), (128, 8, 24), (64, 16, 48), (64, 16, 48)]
+    deep, links = torch.randn(2, 512, 2, 6), [torch.randn(2, *size) for size in sizes]
+    before = decoder(deep, links)
+    assert decoder(deep).shape == before.shape == (2, 11, 64, 192)
+    for number in range(4):
+        changed = [link + (place == number) for place, link in enumerate(links)]
+        assert not torch.allclose(decoder(deep, changed), before)

@@ -47,14 +47,6 @@ def test_only_the_commanded_head_learns():
             assert touched.tolist() == [False, layer is not heads.advantage, False, False]
 
 
-def test_void_drives_as_lane_follow():
-    heads = QuantileHeads(6, 5, hidden=8)
-    features, shares = torch.randn(1, 6).expand(3, -1), torch.rand(1, 4).expand(3, -1)
-    follow, void, left = heads(features, torch.tensor([4, -1, 1]), shares)
-    assert torch.equal(follow, void)
-    assert not torch.equal(follow, left)
-
-
 def test_noise_is_each_rows_own_and_factorised():
     layer = NoisyBranches(3, 2, 0.5)
     features, branch = torch.ones(1, 1, 3).expand(2, -1, -1), torch.tensor([1, 1])

@@ -5,28 +5,16 @@ from pathlib import Path
 
 import pytest
 
-torch = pytest.importorskip("torch")
+pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 # The helpers beside these tests are imported by their plain names.
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
+sys.path.insert(0, str(Path(__file__).parent))
 
-from small_networks import WIDTHS, small_networks  # noqa: E402
-
-
-@pytest.fixture(scope="package", autouse=True)
-def one_thread() -> Iterator[None]:
-    """Such small batches are slower with threads that wait for each other."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+from small_networks import WIDTHS
 
 
-@pytest.fixture(name="small_networks", scope="module")
-def _small_networks() -> Iterator[None]:
-    """Build the paper's agents with few channels and one block in each stage."""
-    with small_networks():
-        yield
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread(one_thread: None) -> None: ...
 
 
 @pytest.fixture(scope="module")

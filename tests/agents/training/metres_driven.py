@@ -3,11 +3,24 @@
 import numpy as np
 import torch
 
+from wrongturn_agents.models.actor_critic import controls
 from wrongturn_agents.training.methods.lbc.cars import Cars
 from wrongturn_agents.training.methods.lbc.config import LBCConfig
 
 CARS = 32
 _HELD_OUT = 10**6
+
+
+def by_chance(actions=None):
+    """Drive by random actions, or by those of a table (n, 2): steer and accelerate."""
+    random = torch.Generator().manual_seed(1)
+
+    def act(_, memory):
+        if actions is None:
+            return controls(2.0 * torch.rand(CARS, 2, generator=random) - 1.0), memory
+        return controls(actions[torch.randint(len(actions), (CARS,), generator=random)]), memory
+
+    return act
 
 
 @torch.inference_mode()

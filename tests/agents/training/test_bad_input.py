@@ -122,12 +122,16 @@ def test_a_run_that_cannot_be_resumed_says_why(run, tmp_path):
 
     assert "no run to resume" in refused("train", SEGMENTATION, "--directory", tmp_path / "none", "--resume")
     assert not (tmp_path / "none").exists()
-    assert SEGMENTATION in resumed("ppo-image")
+    for other in ("ppo-image", "lbc", "marln"):
+        assert f"holds a run of {SEGMENTATION}; resume it with 'wrongturn train {SEGMENTATION}'" in resumed(other)
     assert "damaged" in resumed()
     (run / "state.pt").write_bytes(b"half of a fi")
     assert "damaged" in resumed()
     (run / "state.pt").unlink()
     assert "without --resume" in resumed()
+    content = json.loads((run / "config.json").read_text())
+    (run / "config.json").write_text(json.dumps({**content, "config": {"vehicles": 500}}))
+    assert "option vehicles: is 500; give a number from 0 to 200" in resumed()
     for text in ("{", "[]", '{"algorithm": "ppo-segmentation"}', '{"algorithm": 5, "config": {}}', "\x00"):
         (run / "config.json").write_text(text)
         assert "config.json" in resumed()

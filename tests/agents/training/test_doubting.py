@@ -26,8 +26,8 @@ from wrongturn_agents.training.methods.doubting import frames, method
 from wrongturn_agents.training.methods.doubting.exporting import GatedDoubt, write_doubting
 from wrongturn_agents.training.progress import read_rows
 from wrongturn_agents.training.run import train
-from wrongturn_agents.training.score import score
-from wrongturn_networks import load_town
+from wrongturn_agents.training.score import score, score_agent
+from wrongturn_networks import load_suite, load_town
 from wrongturn_sim import WrongturnVectorEnv
 
 PICTURES, ENOUGH = 256, 5_120
@@ -117,8 +117,6 @@ def test_the_file_drives_as_the_parts_do(
 
 @pytest.mark.slow
 def test_a_run_goes_on_and_its_checkpoint_is_known_as_what_it_is(checkpoint: Path, tmp_path: Path) -> None:
-    with pytest.raises(TrainingError, match="holds a run already; resume it"):
-        train(NAME, directory=checkpoint.parent, steps=1)
     with pytest.raises(TrainingError, match="doubting-segmentation does not drive by itself; export it"):
         score(checkpoint, "smoke@2", device="cpu")
     with pytest.raises(TrainingError, match="--precision: int8"):
@@ -130,3 +128,12 @@ def test_a_run_goes_on_and_its_checkpoint_is_known_as_what_it_is(checkpoint: Pat
     ]  # there are more if it took long
     assert steps == sorted(steps)
     assert {PICTURES, PICTURES + 128} <= {*steps}
+
+
+@pytest.mark.slow
+def test_the_shipped_one_overrides_what_the_road_does_not_offer() -> None:
+    """The open draw's first infeasible trial and first omission of each junction type."""
+    driven = score_agent(NAME, "smoke@2", threads=1)["trials"]
+    found = [driven[trial.id] for trial in load_suite("smoke@2").open_draw.trials]
+    assert {one["verdict"] for one in found} <= {"exit_route", "exit_other"}
+    assert {one["reaction"] for one in found} <= {"overrode", "exit"}

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from wrongturn_agents.training.action import controls
 from wrongturn_agents.training.cars import FAILURES, DrivingVecEnv, training_cars
 from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_protocol import Traffic
@@ -121,3 +122,16 @@ def test_observations_are_kept_from_being_written_over():
     assert list(first) == ["speed", "segmentation"]
     assert all(torch.equal(first[name], before[name]) for name in first)
     envs.close()
+
+
+@pytest.mark.parametrize(
+    ("action", "expected"),
+    [
+        ((0.25, 0.5), (0.25, 0.5, 0.0)),
+        ((-0.25, -0.5), (-0.25, 0.0, 0.5)),
+        ((3.0, 7.0), (1.0, 1.0, 0.0)),
+        ((-3.0, -7.0), (-1.0, 0.0, 1.0)),
+    ],
+)
+def test_accelerate_is_throttle_or_brake(action, expected):
+    assert controls(np.array([action, action])).tolist() == [list(expected)] * 2

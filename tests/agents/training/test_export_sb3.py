@@ -202,19 +202,6 @@ def test_spaces_that_are_not_ours(tmp_path, name, says):
         export_sb3(file, tmp_path / "agent.onnx")
 
 
-@pytest.mark.soak  # CI normalises pictures beside numbers
-def test_a_policy_on_the_picture_alone(tmp_path):
-    town = RandomTown(seen=observation_space(Track.CAMERA)["rgb"])
-    env, statistics = VecNormalize(VecTransposeImage(DummyVecEnv([lambda: town]))), tmp_path / "stats.pkl"
-    policy = {"net_arch": [8], "normalize_images": False}
-    model = made(PPO("CnnPolicy", env, n_steps=8, batch_size=8, device="cpu", seed=1, policy_kwargs=policy))
-    model.learn(8)
-    env.save(statistics)
-    exported = export_sb3(saved(model, tmp_path / "agent.zip"), tmp_path / "agent.onnx", vecnormalize=statistics)
-    assert (exported.track, exported.inputs) == (Track.CAMERA, ("rgb",))
-    assert exported.greatest < 1e-4
-
-
 class Foreign(BasePolicy):
     """A policy of an algorithm that is not supported."""
 

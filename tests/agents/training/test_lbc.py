@@ -1,18 +1,16 @@
 """A short training beats a random policy, leaves its files and resumes; its file drives alike."""
 
-import json
 import shutil
 from pathlib import Path
 
 import pytest
 import torch
-from metres_driven import CARS, metres
-from small_run import HERE, settings_of
+from metres_driven import CARS, by_chance, metres
+from small_run import HERE
 
 from wrongturn_agents import resolve
 from wrongturn_agents.models.waypoint_control import MEMORY
 from wrongturn_agents.models.waypoints import to_picture
-from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import export
 from wrongturn_agents.training.method import load
 from wrongturn_agents.training.methods.averaging import Pool
@@ -41,13 +39,7 @@ def run(tmp_path_factory: pytest.TempPathFactory, small_lbc: None) -> Path:
 
 @pytest.mark.slow
 def test_a_short_training_beats_a_random_policy(run):
-    random = torch.Generator().manual_seed(1)
-    low = torch.tensor([-1.0, 0.0, 0.0])
-
-    def by_chance(_, memory):
-        return low + (1.0 - low) * torch.rand(CARS, 3, generator=random), memory
-
-    chance = metres(by_chance)
+    chance = metres(by_chance())
     files = {PRIVILEGED_FILE: ("lbc-privileged", "privileged.csv", 2.0), BEST: ("lbc", "progress.csv", 1.5)}
     for file, (name, curve, better) in files.items():
         found = load(run / file)
@@ -69,7 +61,7 @@ def test_the_privileged_agent_is_evaluated_after_its_own_minutes(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_run_resumes_where_it_stopped_and_refuses_what_does_not_fit(run, tmp_path):
+def test_a_run_resumes_where_it_stopped(run, tmp_path):
     folder, more = tmp_path / "run", SAMPLES + 64
     shutil.copytree(run, folder)
     train("lbc", directory=folder, steps=more, resume=True, **HERE)
@@ -81,13 +73,6 @@ def test_a_run_resumes_where_it_stopped_and_refuses_what_does_not_fit(run, tmp_p
     train("lbc", directory=folder, minutes=1e-3, resume=True, **HERE)  # they are used up
     assert read_rows(folder / "progress.csv") == rows
     assert load(folder / BEST).told["evaluation"] == kept["evaluation"]
-    for arguments, said in (
-        ({"resume": True, "seed": 2}, "has seed 1"),
-        ({"resume": True, "options": ["width=16"]}, "own options"),
-        ({}, "resume it"),
-    ):
-        with pytest.raises(TrainingError, match=said):
-            train("lbc", directory=folder, steps=1, device="cpu", **arguments)
 
 
 @pytest.mark.slow
@@ -107,14 +92,6 @@ def test_a_given_teacher_teaches_an_agent_of_another_width(run, tmp_path):
     assert load(folder / BEST).told["evaluation"]["journeys"] == 1
     assert (folder / PRIVILEGED_FILE).read_bytes() == given.read_bytes()
     assert not (folder / "privileged.csv").exists()
-    for teacher, said in (
-        (run / BEST, "is of lbc; name the privileged.pt"),
-        (tmp_path / "none.pt", "teacher .*: there is no such file; name the privileged.pt"),
-        (run, "teacher .*: is no file; name the privileged.pt"),
-    ):
-        with pytest.raises(TrainingError, match=said):
-            train("lbc", directory=tmp_path / "other", steps=1, device="cpu", options=[f"teacher={teacher}"])
-    assert not (tmp_path / "other").exists()
 
 
 @pytest.mark.slow
@@ -183,17 +160,3 @@ def test_a_teacher_tells_all_commands_or_the_experts_for_one():
     assert weights.sum(1).tolist() == [1.0] * 8
     assert torch.allclose(points, to_picture(waypoints)[:, None].expand(-1, 4, -1, -1))
     cars.close()
-
-
-def test_a_run_of_another_algorithm_is_named(tmp_path):
-    config = {"seed": 1, "steps": 1, "minutes": None}
-    stored = {name: settings_of(name).as_dict() for name in ("marln", "lbc")}
-    for written, resumed in (("marln", "lbc"), ("lbc", "marln"), ("lbc", "ppo-image")):
-        (tmp_path / "config.json").write_text(json.dumps({"algorithm": written, **config, "config": stored[written]}))
-        with pytest.raises(
-            TrainingError, match=f"holds a run of {written}; resume it with 'wrongturn train {written}'"
-        ):
-            train(resumed, directory=tmp_path, resume=True)
-    (tmp_path / "config.json").write_text(json.dumps({"algorithm": "lbc", **config, "config": {"vehicles": 500}}))
-    with pytest.raises(TrainingError, match="option vehicles: is 500; give a number from 0 to 200"):
-        train("lbc", directory=tmp_path, resume=True)

@@ -7,10 +7,9 @@ import numpy as np
 import onnx
 import pytest
 import torch
-from metres_driven import CARS, metres
+from metres_driven import CARS, by_chance, metres
 from small_run import HERE, settings_of
 
-from wrongturn_agents.models.actor_critic import controls
 from wrongturn_agents.models.marln import ACTIONS, Marln, ValueNetwork
 from wrongturn_agents.onnx_agent import OnnxAgent
 from wrongturn_agents.training.export.export import export
@@ -44,17 +43,9 @@ def run(tmp_path_factory, small_marln):
 
 @pytest.mark.slow
 def test_a_short_training_beats_a_random_policy(run):
-    random, table = torch.Generator().manual_seed(1), torch.tensor(ACTIONS)
-
-    def uniform(_, memory):
-        return controls(2.0 * torch.rand(CARS, 2, generator=random) - 1.0), memory
-
-    def among_its_actions(_, memory):
-        return controls(table[torch.randint(len(table), (CARS,), generator=random)]), memory
-
     model = load(run / "last.pt").model
     # By chance 7.7 and 15.1 m, standing 1.6 m, untrained 3.8 m. This training came to 25.1 m, another seed to 19.2 m.
-    chance = max(metres(uniform), metres(among_its_actions))
+    chance = max(metres(by_chance()), metres(by_chance(torch.tensor(ACTIONS))))
     assert metres(model.drive_on, model.begin(CARS), pictures=True) > 1.2 * chance
 
 

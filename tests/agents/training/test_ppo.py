@@ -5,14 +5,17 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
-from small_run import SMALL, rolled, settings_of, small_ppo
+from metres_driven import by_chance, metres
+from small_run import HERE, SMALL, rolled, settings_of, small_ppo
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from wrongturn_agents.models import build
 from wrongturn_agents.training.action import ACTION_SPACE
 from wrongturn_agents.training.budget import Budget
+from wrongturn_agents.training.method import load
 from wrongturn_agents.training.methods.ppo.ppo import WrongturnPPO
 from wrongturn_agents.training.methods.ppo.rollout import FEATURES
+from wrongturn_agents.training.run import train
 
 pytestmark = pytest.mark.usefixtures("small_networks")
 
@@ -187,3 +190,18 @@ def test_it_learns_what_each_command_asks_for():
     before = error()
     ppo.learn(6144)
     assert error() < 0.4 * before
+
+
+@pytest.mark.soak  # CI lets it learn from a bandit
+def test_a_short_training_beats_a_random_policy(tmp_path):
+    options = (
+        *("num_envs=16", "n_steps=32", "batch_size=128", "n_epochs=6", "learning_rate=1e-3", "augment=false"),
+        *("projection_learning_rate=1", "encoder_learning_rate=1", "activation=relu", "accelerate=0"),
+        *("pretraining_frames=256", "pretraining_batch=32", "pretraining_passes=1"),
+        # So few steps suffice for a short horizon, and for what is learned first: not to leave the road.
+        *("gamma=0.9", "reward_divisor=30", "failure_penalty=2", "standing_penalty=2", "standing_cost=0"),
+        *("time_limit=8", "inside_junctions=0", "traffic=0", "journeys=1", "brief_journeys=1", "patience=1"),
+    )
+    train("ppo-image", directory=tmp_path, seed=1, steps=4096, options=options, **HERE)
+    model = load(tmp_path / "last.pt").model
+    assert metres(lambda seen, _: (model.drive(seen), None), pictures=True) > 1.5 * metres(by_chance())
