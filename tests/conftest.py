@@ -52,7 +52,7 @@ TOGETHER = {
     "tests/contract": "contract",
     "tests/browser": "browser",
     "tests/exploits": "agents",
-    **{f"tests/agents/test_{name}.py": "agents" for name in ("practice", "run_files", "worker")},
+    **{f"tests/agents/test_{name}.py": "agents" for name in ("practice", "worker")},
     "tests/benchmarks/test_short_forms.py": "agents",
 }
 """Folders and files that share a service which takes long to start or to fill: one worker runs all of a group. The

@@ -14,10 +14,11 @@ pytest.importorskip("onnxruntime")
 
 from wrongturn_agents import resolve  # noqa: E402
 from wrongturn_agents.models import build  # noqa: E402
+from wrongturn_agents.training.checkpoint import save_checkpoint  # noqa: E402
 from wrongturn_agents.training.errors import TrainingError  # noqa: E402
 from wrongturn_agents.training.export.export import agreement, export, sha256  # noqa: E402
 from wrongturn_agents.training.export.writing import OPSET, export_graph  # noqa: E402
-from wrongturn_agents.training.method import load  # noqa: E402
+from wrongturn_agents.training.method import find_method, load  # noqa: E402
 from wrongturn_agents.training.recording import record_observations  # noqa: E402
 from wrongturn_protocol import Track  # noqa: E402
 
@@ -37,18 +38,8 @@ def checkpoint(tmp_path_factory):
             model = build(algorithm, seed=0)
             with torch.no_grad():
                 model.branches.policy.weight.mul_(100.0)  # else all actions are about 0
-            torch.save(
-                {
-                    "algorithm": algorithm,
-                    "seed": 3,
-                    "config": {},
-                    "steps": 1000,
-                    "state_dict": model.state_dict(),
-                    "evaluation": {"success": 0.5},
-                    "versions": {"torch": "2.13.0"},
-                },
-                path,
-            )
+            settings = find_method(algorithm).settings()
+            save_checkpoint(path, model, settings, seed=3, steps=1000, evaluation={"success": 0.5})
         return path
 
     return make
@@ -111,12 +102,8 @@ def test_the_file_tells_what_it_is(exported):
     assert (source.name, source.track) == ("ppo-segmentation", Track.SEGMENTATION)
     model = onnx.load(file)
     told = {entry.key: entry.value for entry in model.metadata_props}
-    assert (told["algorithm"], told["seed"], told["steps"], told["precision"]) == (
-        "ppo-segmentation",
-        "3",
-        "1000",
-        "fp32",
-    )
+    said = [told[name] for name in ("algorithm", "seed", "steps", "precision")]
+    assert said == ["ppo-segmentation", "3", "1000", "fp32"]
     assert [put.name for put in model.graph.input] == ["speed", "steering", "command", "segmentation"]
     assert [put.name for put in model.graph.output] == ["action"]
     assert {(item.domain, item.version) for item in model.opset_import} == {("", OPSET)}

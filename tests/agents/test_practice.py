@@ -1,5 +1,7 @@
-"""One task of a suite, driven in practice."""
+"""One task of a suite, driven in practice; a run of a service and its file."""
 
+import csv
+import io
 import json
 from pathlib import Path
 
@@ -7,7 +9,9 @@ import pytest
 from made_results import keep, navigation
 from typer.testing import CliRunner
 
+import wrongturn_sim  # noqa: F401 - sets where compiled kernels are kept, before the home is another
 from lab.stored_results import Collection
+from wrongturn_agents import figures
 from wrongturn_agents.errors import AgentsError, RunError
 from wrongturn_agents.practice import PracticeRun
 from wrongturn_agents.registry import resolve
@@ -15,7 +19,9 @@ from wrongturn_agents.results_file import ResultsFile
 from wrongturn_agents.suites import SuiteTrials, installed_suite
 from wrongturn_client import LocalService
 from wrongturn_client.cli import app
+from wrongturn_networks import load_suite
 from wrongturn_protocol import Condition, Task, Verdict
+from wrongturn_protocol.junction_frame import rings
 from wrongturn_protocol.run_file import GZIP
 
 
@@ -89,3 +95,29 @@ def test_trials_are_driven_and_gone_on_with(service: LocalService, tmp_path: Pat
     assert set(results.trials) == set(names)
     assert {one.verdict for one in results.trials.values()} == {Verdict.TIMEOUT}
     assert json.loads(file.read_text())["driven"] == "over the service"
+
+
+@pytest.mark.slow
+def test_a_run_of_a_service_and_its_file_are_the_same(service: LocalService, tmp_path: Path, monkeypatch):
+    monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path))
+    monkeypatch.delenv("WRONGTURN_TOKEN", raising=False)
+    told = tmp_path / "run.json.gz"
+    command = ["run", "always-stops", "--suite", "smoke@2", "--url", service.url, "--json", str(told)]
+    assert CliRunner().invoke(app, [*command, "--name", "by hand"]).exit_code == 0
+    fetched = figures.fetch(service.url, "by hand", "smoke@2")
+    run = figures.read(told)
+    assert figures.csv_text([fetched]) == figures.csv_text([run])
+    assert fetched.run is not None
+    assert figures.fetch(service.url, fetched.run.id).agent == "by hand"
+    with pytest.raises(AgentsError, match=r"nobody: .* no agent of this name .* on smoke@2, .*: .*by hand"):
+        figures.fetch(service.url, "nobody", "smoke@2")
+    ranking = CliRunner().invoke(app, ["leaderboard", "smoke@2", "--url", service.url, "--csv"]).stdout
+    assert "by hand" in [row["agent"] for row in csv.DictReader(io.StringIO(ranking))]
+    here, there = figures.installed_town("Town01"), figures.town_of(service.url)("Town01")
+    roads = ([[ring.tolist() for ring in polygon] for polygon in rings(town.road)] for town in (here, there))
+    assert next(roads) == next(roads)
+    ways = ([(one.id, one.stop_line, one.heading) for one in town.approaches] for town in (here, there))
+    assert next(ways) == next(ways)
+    assert run.secret is not None
+    assert run.by_trial.keys() == {trial.id for trial in load_suite("smoke@2").draw(run.secret).episodes}
+    assert {one.result.verdict for one in run.by_trial.values()} == {Verdict.STOPPED_BEFORE_JUNCTION}

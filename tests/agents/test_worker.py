@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import httpx
 import pytest
@@ -25,7 +26,7 @@ from wrongturn_agents.practice import PracticeRun
 from wrongturn_agents.results_file import ResultsFile
 from wrongturn_agents.saved_run import SavedRun
 from wrongturn_agents.suites import installed_suite
-from wrongturn_agents.worker import begin, drive
+from wrongturn_agents.worker import GuardedAgent, begin, drive
 from wrongturn_client import Client, NotFinishedError, NotFoundError, SecretFileError, settings
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Action, AgentKind, EvaluationState, RunFile, Track, Verdict
@@ -50,27 +51,6 @@ class Fails(Careful):
 
     def act(self, observation):
         raise ValueError("no idea")
-
-class NoAction(Careful):
-    name = "no-action"
-    kind = "submitted"
-
-    def act(self, observation):
-        return (0.0, 0.4)
-
-class NotANumber(Careful):
-    name = "not-a-number"
-    kind = "submitted"
-
-    def act(self, observation):
-        return Action(steer=float("nan"), throttle=0.4, brake=0.0)
-
-class Unchecked(Careful):
-    name = "unchecked"
-    kind = "submitted"
-
-    def act(self, observation):
-        return Action.model_construct(steer=0.0, throttle=1.5, brake=0.0)
 
 class Unmade(Careful):
     name = "unmade"
@@ -367,16 +347,22 @@ def test_an_agent_that_fails_is_told_from_the_service(url):
 
 
 @pytest.mark.parametrize(
-    ("agent", "says"),
+    ("act", "says"),
     [
-        ("NoAction", r"no-action.act returned no action .* shape \(2,\); give three"),
-        ("NotANumber", r"not-a-number.act made no action: action.steer is nan; give a number from -1 to 1"),
-        ("Unchecked", r"unchecked.act returned no action that can be driven: action.throttle is 1.5; give a number"),
+        (lambda: (0.0, 0.4), r"mine.act returned no action .* shape \(2,\); give three"),
+        (
+            lambda: Action(steer=float("nan"), throttle=0.4, brake=0.0),
+            r"mine.act made no action: action.steer is nan; give a number from -1 to 1",
+        ),
+        (
+            lambda: Action.model_construct(steer=0.0, throttle=1.5, brake=0.0),
+            r"mine.act returned no action that can be driven: action.throttle is 1.5; give a number",
+        ),
     ],
 )
-def test_an_action_that_cannot_be_driven_is_told_in_one_line(url, agent, says):
+def test_an_action_that_cannot_be_driven_is_told_in_one_line(act, says):
     with pytest.raises(AgentFailedError, match=says) as caught:
-        drive(started(url, f"own_agents:{agent}"), resolve(f"own_agents:{agent}"), url, no_progress)
+        GuardedAgent("mine", SimpleNamespace(act=lambda _: act())).act({})
     assert caught.value.__cause__ is None, "so the program prints no traceback"
 
 

@@ -1,4 +1,4 @@
-"""How far cars get that an agent drives, in drives that no training sees."""
+"""How far cars get that an agent drives, in drives that no training sees; and whether its file drives alike."""
 
 import numpy as np
 import torch
@@ -43,3 +43,16 @@ def metres(act, memory=None, *, pictures=False):
         alive[cars.step(action)] = False
     cars.close()
     return driven.mean()
+
+
+@torch.inference_mode()
+def alike(model, driver, observations, tolerance):
+    """Return on how many observations, one after the other, a file's agent does what a network with a memory does."""
+    driver.reset(None)
+    memory, same = model.begin(1), 0
+    for i in range(len(observations["speed"])):
+        action = driver.act({key: array[i] for key, array in observations.items()})
+        seen = {key: torch.from_numpy(array[i : i + 1]) for key, array in observations.items()}
+        wanted, memory = model.drive_on(seen, memory)
+        same += np.allclose((action.steer, action.throttle, action.brake), wanted[0].numpy(), atol=tolerance)
+    return same

@@ -7,18 +7,18 @@ import numpy as np
 import onnx
 import pytest
 import torch
-from metres_driven import CARS, by_chance, metres
+from metres_driven import CARS, alike, by_chance, metres
 from small_run import HERE, settings_of
 
-from wrongturn_agents.models.marln import ACTIONS, Marln, ValueNetwork
+from wrongturn_agents.models.marln import ACTIONS, ValueNetwork
 from wrongturn_agents.onnx_agent import OnnxAgent
 from wrongturn_agents.training.export.export import export
 from wrongturn_agents.training.export.writing import quantise
 from wrongturn_agents.training.method import load
-from wrongturn_agents.training.methods.marln.config import MarlnConfig
 from wrongturn_agents.training.methods.marln.learning import Learner
 from wrongturn_agents.training.methods.marln.replay import Decisions, Replay, Sample
 from wrongturn_agents.training.progress import read_rows
+from wrongturn_agents.training.recording import record_observations
 from wrongturn_agents.training.run import train
 
 OPTIONS = (
@@ -69,29 +69,11 @@ def test_a_run_goes_on_and_its_file_drives_alike(run, tmp_path):
     assert {STEPS, more} <= set(steps)
     exported = tmp_path / "marln.onnx"
     export(folder / "last.pt", exported, "fp16")
-    _drives_as(load(folder / "last.pt").model, OnnxAgent(exported))
-
-
-def _drives_as(model: Marln, agent: OnnxAgent) -> None:
-    """The file remembers as the network does. Halved weights may tip a choice between two actions now and then."""
-    assert agent.track == "camera"
-    assert not agent.memoryless
-    random = np.random.default_rng(1)
-    memory, same = model.begin(1), 0
-    for _ in range(12):
-        shown = {
-            "speed": random.uniform(0, 10, (1,)).astype(np.float32),
-            "steering": random.uniform(-1, 1, (1,)).astype(np.float32),
-            "command": random.integers(1, 5, (1,)),
-            "rgb": random.integers(0, 256, (64, 192, 3), np.uint8),
-        }
-        assert set(shown) == set(MarlnConfig.keys)
-        with torch.inference_mode():
-            batch = {key: torch.from_numpy(array[None]) for key, array in shown.items()}
-            wanted, memory = model.drive_on(batch, memory)
-        action = agent.act(shown)
-        same += np.allclose((action.steer, action.throttle, action.brake), wanted[0].numpy(), atol=1e-3)
-    assert same >= 10
+    agent = OnnxAgent(exported)
+    assert (agent.track, agent.memoryless) == ("camera", False)
+    shown = record_observations("camera", 12, seed=1)
+    # Halved weights may tip a choice between two actions now and then.
+    assert alike(load(folder / "last.pt").model, agent, shown, 1e-3) >= 10
 
 
 def test_learning_finds_the_better_action():

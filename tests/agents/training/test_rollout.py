@@ -62,13 +62,3 @@ def test_pictures_stay_bytes_and_every_frame_is_drawn_once():
                 assert torch.equal(getattr(samples, field)[row], getattr(buffer, name)[step, env])
     assert sorted(seen) == sorted(10 * step + env for step in range(STEPS) for env in range(ENVS))
     assert seen != sorted(seen)
-
-
-def test_its_memory_is_made_once():
-    buffer = filled(DeviceRolloutBuffer, SPACE)
-    place = buffer.observations["rgb"].data_ptr()
-    buffer.reset()
-    assert not buffer.full
-    assert buffer.observations["rgb"].data_ptr() == place
-    with pytest.raises(AssertionError, match="not complete"):
-        next(buffer.get(2))
