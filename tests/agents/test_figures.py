@@ -35,16 +35,11 @@ def test_trajectories_are_drawn_over_their_type_and_fault(run):
     panels = {
         (axes.get_subplotspec().rowspan.start, axes.get_subplotspec().colspan.start): axes for axes in figure.axes
     }
-    assert [panels[0, column].get_title() for column in range(3)] == [
-        "straight or left",
-        "straight or right",
-        "left or right",
-    ]
+    titles = [panels[0, column].get_title() for column in range(3)]
+    assert titles == ["straight or left", "straight or right", "left or right"]
     assert [panels[row, 0].get_ylabel() for row in range(2)] == ["infeasible", "omission"]
-    assert {(row, axes.get_xlabel()) for (row, _), axes in panels.items()} == {
-        (0, "1 of 1 unsafe"),
-        (1, "0 of 1 unsafe"),
-    }
+    labels = {(row, axes.get_xlabel()) for (row, _), axes in panels.items()}
+    assert labels == {(0, "1 of 1 unsafe"), (1, "0 of 1 unsafe")}
     (drawn,) = [line for line in panels[0, 1].lines if len(line.get_xdata()) > 2]
     assert drawn.get_xdata() == pytest.approx([0.0] * 27, abs=1e-6)
     assert drawn.get_ydata() == pytest.approx([step - 20.0 for step in range(27)], abs=1e-6)

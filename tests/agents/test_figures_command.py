@@ -35,9 +35,8 @@ def test_one_command_makes_everything_for_a_paper(run_file: Path, tmp_path: Path
     table, rows = tmp_path / "table.tex", tmp_path / "trials.csv"
     out, told = made("--figures", tmp_path / "new", "--latex", table, "--csv", rows, run_file, f"A_1={run_file}")
     both = [f"{figure}-{agent}" for figure in ("trajectories", "twins") for agent in ("A_1", "by-hand")]
-    wanted = {
-        f"{name}.{kind}" for name in ("unsafe-rates", "pairs", "obedience-safety", *both) for kind in ("pdf", "png")
-    }
+    names = ["unsafe-rates", "pairs", "obedience-safety", *both]
+    wanted = {f"{name}.{kind}" for name in names for kind in ("pdf", "png")}
     assert {path.name for path in (tmp_path / "new").iterdir()} == wanted
     assert out == ""
     assert str(tmp_path / "new" / "pairs.pdf") in told

@@ -12,13 +12,8 @@ from wrongturn_sim import FleetTraffic
 
 BESIDE = {"traffic": Traffic(vehicles=60, pedestrians=10), "own_traffic": FleetTraffic(hesitant=1.0, leaders=1.0)}
 CRUISE = {"town": "Town01", "task": "cruise", "strict": True, "record": False}
-FREE = {
-    "reward_divisor": 300.0,
-    "failure_penalty": 0.0,
-    "collision_penalty": 0.0,
-    "standing_penalty": 0.0,
-    "standing_cost": 0.0,
-}
+COSTS = ("failure_penalty", "collision_penalty", "standing_penalty", "standing_cost")
+FREE = {"reward_divisor": 300.0, **dict.fromkeys(COSTS, 0.0)}
 
 
 def cars(count, keys=("speed",), costs=FREE, **options):
