@@ -21,12 +21,7 @@ OBEYED: Final = "obeyed_command"
 
 
 class DoubtingAgent:
-    """Agent that hands a questioned command to another agent.
-
-    Args:
-        doubt: an ``onnxruntime.InferenceSession`` of the file that doubts.
-        driving: the agent that drives.
-    """
+    """Agent that questions its command by a file, an ``onnxruntime.InferenceSession``, and lets another agent drive."""
 
     trained_on_faults = True
     memoryless = False

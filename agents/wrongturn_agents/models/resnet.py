@@ -39,12 +39,8 @@ class ResNet(nn.Module):
     """The stem and the four stages, kept apart so that a stage can be doubled.
 
     Batch normalisation uses its running statistics even in training, so that PPO improves exactly the policy that
-    drove. Only within :func:`updated_statistics` does it use a batch's statistics and learn from them.
-
-    Args:
-        channels: of the pictures; 3 for each of several, one behind the other.
-        depths: blocks in each stage.
-        widths: channels after each stage.
+    drove. Only within :func:`updated_statistics` does it use a batch's statistics and learn from them. Of several
+    pictures one behind the other, each has 3 of the channels.
 
     Attributes:
         stem: (B, ``channels``, 64, 192) to (B, 64, 16, 48).

@@ -62,16 +62,11 @@ def export(
     observations: Observations | None = None,
     compared: Observations | None = None,
 ) -> Agreement | None:
-    """Write a checkpoint as an ONNX file.
+    """Write a checkpoint, a run's ``best.pt``, ``last.pt`` or ``privileged.pt``, as an ONNX file.
 
-    Args:
-        checkpoint: a run's ``best.pt``, ``last.pt`` or ``privileged.pt``.
-        file: the file to write.
-        precision: precision of the weights.
-        name: the agent's name on the leaderboard; the algorithm by default.
-        observations: (n, ...) for each input, to calibrate int8 with; recorded by default.
-        compared: recorded observations on which to compare the file's actions with the checkpoint's. The file's
-            metadata keeps the result, which is returned.
+    The agent's name on the leaderboard is by default the algorithm. ``observations`` (n, ...) for each input calibrate
+    int8; they are recorded by default. On recorded observations to be ``compared``, the file's actions are held
+    against the checkpoint's: the file's metadata keeps the result, which is returned.
     """
     file = Path(file)
     check_target(file, name)

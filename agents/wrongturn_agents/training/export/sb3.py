@@ -58,13 +58,8 @@ def export_sb3(
 ) -> Exported:
     """Write a policy of Stable-Baselines3 as an ONNX file, if their actions are the same. Loading it runs its code.
 
-    Args:
-        source: the zip file that ``model.save`` wrote.
-        file: the ONNX file to write.
-        vecnormalize: what ``VecNormalize.save`` wrote, if training normalised observations.
-        actions: JSON file with the controls of each discrete action.
-        name: the agent's name on the leaderboard; the file's by default.
-        description: one sentence for the leaderboard.
+    The source and the two files of :class:`~wrongturn_agents.training.export.sb3_spaces.DrivingPolicy` make the policy;
+    the name, by default the file's, and the description are for the leaderboard.
     """
     source, file = Path(source), Path(file)
     check_target(file, name or file.stem, "--out")

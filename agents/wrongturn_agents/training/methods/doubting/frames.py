@@ -40,11 +40,8 @@ class Frames(NamedTuple):
 class FrameSource:
     """Draws places and renders them, in the training weathers equally often.
 
-    Args:
-        towns: towns of the places. The first is :data:`TRAINING_TOWN` or stands alone.
-        seed: seed of places, weathers and rain.
-        first_share: share of the chunks that show the first town; the others are shared equally.
-        device: device of the minibatches. On CUDA the pictures are rendered there too.
+    A share of the chunks shows the first town; the others are shared equally. On CUDA the pictures are rendered on the
+    device of the minibatches.
     """
 
     def __init__(
