@@ -7,8 +7,8 @@ import pytest
 
 pytest.importorskip("onnxruntime")
 
+from control_onnx import write_concat_model
 from made_results import keep, wrong_command
-from tiny_onnx import write_concat_model
 
 from lab.cards import FACTS, cards
 from wrongturn_agents.errors import ModelFileError
