@@ -179,11 +179,9 @@ class Client(HttpCalls, PublicCalls, AccountCalls):
         return RunFile.from_json(b"".join(run_lines(self, evaluation)))
 
     def save_run(self, evaluation: str, file: str | PathLike[str]) -> None:
-        """Write a finished evaluation with its agent, outcomes and trajectories. It needs no token.
+        """Write what :meth:`run_file` returns to a file, compressed if its name ends in ``.gz``.
 
-        Args:
-            evaluation: Id of the evaluation.
-            file: File to write or replace; it is compressed if it ends in ``.gz``. An error leaves it as it was.
+        An existing file is replaced; an error leaves it as it was.
 
         Raises:
             NotFinishedError: The evaluation is not finished, or was cancelled.
@@ -249,13 +247,10 @@ class Client(HttpCalls, PublicCalls, AccountCalls):
     def submit(
         self, file: str | PathLike[str], suite: str, name: str | None = None, *, progress: Progress | None = None
     ) -> SubmissionDetail:
-        """Hand in a model as an ONNX file, which the service checks and then drives itself.
+        """Hand in a model as an ONNX file (``docs/models.md``), which the service checks and then drives itself.
 
-        Args:
-            file: The ONNX file; ``docs/models.md`` describes what a model takes and gives.
-            suite: The suite's id.
-            name: The agent's name on the leaderboard. An owner's token needs one; an agent's token has one already.
-            progress: Called with the numbers of sent and of all bytes.
+        An owner's token needs the agent's name on the leaderboard; an agent's token has one already. ``progress`` is
+        called with the numbers of sent and of all bytes.
 
         Raises:
             ModelFileError: The file cannot be read.

@@ -1,41 +1,4 @@
-"""The exceptions of the client.
-
-::
-
-    WrongturnError
-    ├── ServiceUnreachableError      nobody answers at the URL
-    ├── ProtocolError                this client does not understand the answer
-    ├── NotOfferedError              there is no WebSocket for driving at the URL; HTTP does the same
-    ├── LocalServiceError            ``wrongturn serve`` did not start
-    ├── EvaluationStalledError       no trial was handed out for too long
-    ├── NotFinishedError             an evaluation has no run file before it is finished
-    ├── CommitmentError              the secret at the evaluation's end is not the one that was promised
-    ├── PolicyError                  the policy returned something that is not an action
-    ├── InvalidActionError           an action is not three numbers in their ranges (also a ValueError)
-    ├── ModelFileError               a model's file cannot be read, or is none
-    ├── SecretFileError              the file with a token cannot be read, or is empty
-    ├── ServiceFullError             the service has fewer free simulators than environments were asked for
-    ├── ReplayError                  there is nothing to replay: no such file or episode in it, or nothing that draws
-    ├── PluginError                  a command, list or check of another package cannot be loaded
-    └── ApiError                     the service refused the call (RFC 9457)
-        ├── AuthenticationError      no token, another's token, registration closed
-        ├── InvalidRequestError      a field is wrong or does not apply
-        ├── NotFoundError            unknown suite, town, trial, owner, agent, evaluation, episode, submission and so on
-        ├── ConflictError            the call does not fit earlier calls
-        │   ├── AgentNameTakenError
-        │   ├── OwnerNameTakenError
-        │   ├── EvaluationOpenError
-        │   ├── EvaluationFinishedError
-        │   ├── EvaluationCancelledError
-        │   ├── NoTrialAvailableError
-        │   ├── EpisodeFinishedError
-        │   └── ResultsMismatchError
-        ├── EpisodeLostError         the service was restarted while the episode was open
-        ├── SubmissionsUnavailableError  the service takes no submissions
-        ├── QuotaReachedError        you, or your address, have as much stored at the service as may be
-        ├── ServiceBusyError         call again later: rate limit, simulators busy, shutting down, a proxy's 502 to 504
-        └── ServiceFailedError       the service failed: 5xx
-"""
+"""The exceptions of the client; each class says when it is raised."""
 
 from typing import TYPE_CHECKING, Final
 

@@ -173,13 +173,7 @@ class EvaluationDriver:
 def drive_episode(
     client: EpisodeCalls, policy: Policy, begun: EpisodeReply, *, stop: threading.Event | None = None
 ) -> None:
-    """Drive one episode to its end.
-
-    Args:
-        client: Carries the calls.
-        policy: Decides on the actions.
-        begun: The reply to the reset.
-        stop: Once set, the episode is left open where it is.
+    """Drive one episode from the reply to its reset to its end. Once ``stop`` is set, it is left open where it is.
 
     Raises:
         EpisodeLostError: The service was restarted meanwhile.

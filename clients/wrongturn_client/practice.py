@@ -115,9 +115,7 @@ class Practice(Closing):
     def exchange(self, calls: Sequence[EpisodeCall], patience: float | None = None) -> list[Result]:
         """Return the results of any number of calls; raises as :meth:`DriveConnection.exchange`.
 
-        Args:
-            calls: The calls.
-            patience: Seconds for which they are repeated; this practice's by default.
+        They are repeated for ``patience`` seconds, by default this practice's.
         """
         if self._connection is None:
             self._connection = self.client.connection(self._parallel)

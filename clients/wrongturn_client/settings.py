@@ -29,9 +29,6 @@ def token() -> str | None:
 def secret(variable: str) -> str | None:
     """Return a secret from a variable, or else from the file that the variable of that name with ``_FILE`` names.
 
-    Args:
-        variable: Name of the variable. Example: ``WRONGTURN_OWNER_TOKEN``
-
     Raises:
         SecretFileError: The file cannot be read, or is empty.
     """

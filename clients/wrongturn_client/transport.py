@@ -325,15 +325,10 @@ class Transport:
         key: str | None = None,
         patience: float | None = None,
     ) -> Answer:
-        """Send a call until it is answered or the patience ends.
+        """Send a call until it is answered or the patience (seconds; the client's by default) ends.
 
-        Args:
-            method: HTTP's.
-            path: Begins with ``/v1``.
-            body: Plain values; None for none.
-            media_type: That of the body and of the answer.
-            key: The ``Idempotency-Key``.
-            patience: Seconds; the client's by default.
+        The body holds plain values; the media type is that of the body and of the answer, the key the
+        ``Idempotency-Key``.
 
         Raises:
             ServiceUnreachableError: Nobody answered within the patience.

@@ -36,17 +36,12 @@ class RemoteVectorEnv(TrialVectorEnv):
 
     Args:
         num_envs: Number of environments; the service needs as many simulators.
-        url: The service's URL; ``WRONGTURN_URL`` by default.
-        token: An agent's token; ``WRONGTURN_TOKEN`` by default. Without one, an agent for practice is registered.
         autoreset_mode: When the next episode begins after an end. ``NextStep``: in the next step, whose action is
             ignored. ``SameStep``: at once; ``infos["final_obs"]`` and ``["final_info"]`` hold the end. ``Disabled``:
             when you call ``reset(options={"reset_mask": ...})``.
-        patience: Seconds for which calls are repeated while the service is busy or does not answer.
         render_mode: ``rgb_array``, to get pictures from ``render``. The service draws them.
-        transport: An httpx transport, for tests.
-        town: The town to draw trials in; ``Town01`` by default.
-        track: What the agent is shown.
-        options: ``fault``, ``task``, ``suite`` and so on; see :class:`~wrongturn_protocol.TrialOptions`.
+
+    The other arguments are those of :class:`~wrongturn_client.RemoteEnv`.
 
     Raises:
         ValueError: A name does not exist, or options do not go together.

@@ -304,13 +304,3 @@ def test_the_public_names_are_there_and_documented() -> None:
         assert getattr(wrongturn_client, name).__doc__
     with pytest.raises(AttributeError, match="nothing"):
         _ = wrongturn_client.nothing  # type: ignore[attr-defined]
-
-
-def test_the_error_tree_is_drawn_as_it_is() -> None:
-    from wrongturn_client import errors
-
-    drawn = {word for word in (errors.__doc__ or "").split() if word.endswith("Error")}
-    defined = {
-        name for name, value in vars(errors).items() if isinstance(value, type) and value.__module__ == errors.__name__
-    }
-    assert drawn == defined

@@ -18,7 +18,8 @@ from websockets.frames import CloseCode
 from websockets.http11 import Request
 from websockets.protocol import State
 
-from wrongturn_protocol import ProblemType, framing
+from wrongturn_protocol import ProblemType
+from wrongturn_service.socket import framing
 from wrongturn_service.socket.guards import Guard, GuardedWriting, Patience
 
 _FRAMES: Final = 16

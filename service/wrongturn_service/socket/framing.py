@@ -23,14 +23,13 @@ _SHORT: Final = struct.Struct("!BBH")
 _LONG: Final = struct.Struct("!BBQ")
 
 
-def head(length: int, *, masked: bool = False) -> bytes:
-    """Return the head of a frame: what comes before the payload of ``length`` bytes, or before its mask."""
-    bit = MASKED if masked else 0
+def head(length: int) -> bytes:
+    """Return the head of an unmasked frame: what comes before the payload of ``length`` bytes."""
     if length < 126:
-        return _TINY.pack(BINARY, bit | length)
+        return _TINY.pack(BINARY, length)
     if length < 1 << 16:
-        return _SHORT.pack(BINARY, bit | 126, length)
-    return _LONG.pack(BINARY, bit | 127, length)
+        return _SHORT.pack(BINARY, 126, length)
+    return _LONG.pack(BINARY, 127, length)
 
 
 def extent(data: bytes | bytearray | memoryview, at: int, end: int) -> tuple[int, int]:
