@@ -6,7 +6,6 @@ from enum import Enum
 from typing import Any
 
 import msgpack
-import pytest
 from served_app import ServedApp
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
@@ -145,26 +144,6 @@ class Answers:
             else:
                 self._check(Way.SOCKET, *SAME[name], answers[-1])
         return answers
-
-    async def last_word(self, token: str, message: bytes | str | None = None) -> tuple[str, int]:
-        """What a message ends the agent's socket with: the problem's type, and the close's code."""
-        if message is not None:
-            # One that the service has not left behind by being started again.
-            await self.batch(token, [("look", "none")])
-        socket = self._sockets.pop(token)
-        await socket.send(wire.pack_calls(1, [["look", "none"]]) if message is None else message)
-        told = await socket.recv()
-        assert isinstance(told, bytes)
-        number, ((status, fields),) = wire.unpack_results(told)
-        assert number is None
-        answer = Answer(status, fields)
-        self.counts[f"{Way.SOCKET.value} {status} {answer.kind}"] += 1
-        assert fields["type"] in KINDS
-        with pytest.raises(ConnectionClosed) as caught:
-            await socket.recv()
-        assert caught.value.rcvd is not None
-        assert caught.value.rcvd.reason == answer.kind
-        return answer.kind, caught.value.rcvd.code
 
     async def open(self, token: str) -> ClientConnection:
         """A socket of the caller's own."""

@@ -1,14 +1,11 @@
 """What has to hold of agents, evaluations and episodes, told without any of the service's own code."""
 
-import hashlib
-import struct
 from dataclasses import dataclass, field
 
 from answers import Answer
 from served_app import ABORT_S, RELEASE_S, SLOTS, STEPS, WAITING
 
 Action = tuple[float, float, float]
-FLOATS = struct.Struct("<3f")
 TRIALS = 12
 """Of smoke@2, twins and all."""
 
@@ -84,11 +81,6 @@ class Episode:
         if self.state != "finished":
             return False
         return self.evaluation is None or self.evaluation.state == "finished"
-
-    @property
-    def sha256(self) -> str:
-        """Of its actions, as a worker tells it."""
-        return hashlib.sha256(b"".join(FLOATS.pack(*action) for action in self.actions)).hexdigest()
 
     def refusal(self, agent: Agent) -> str | None:
         """What each call on it is refused with that needs it open, or to have been."""
