@@ -28,16 +28,3 @@ def test_the_public_calls(service: LocalService) -> None:
             client.suite("nothing@1")
         with pytest.raises(AuthenticationError):
             client.create_evaluation("smoke@2")
-
-
-def test_tokens_turn_and_end(service: LocalService) -> None:
-    with Client(service.url) as client:
-        agent = client.register("turning", Track.PRIVILEGED)
-    with Client(service.url, agent.token) as client:
-        token = client.rotate_token(agent.id).token
-        with pytest.raises(AuthenticationError):
-            client.create_evaluation("smoke@2")
-    with Client(service.url, token) as client:
-        client.revoke_token(agent.id)
-        with pytest.raises(AuthenticationError):
-            client.create_evaluation("smoke@2")

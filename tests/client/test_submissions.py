@@ -1,6 +1,5 @@
 """The calls of submissions: what is sent, what is repeated, and what is refused."""
 
-import asyncio
 from pathlib import Path
 
 import httpx
@@ -10,7 +9,6 @@ from client_fake_submissions import FakeSubmissions, form_of
 
 from wrongturn_client import (
     AgentNameTakenError,
-    AsyncClient,
     AuthenticationError,
     Client,
     ModelFileError,
@@ -139,13 +137,3 @@ def test_an_empty_token_sends_none(service: FakeSubmissions, monkeypatch: pytest
     with Client("http://fake", "", transport=service.transport) as client:
         client.live()
     assert "authorization" not in service.requests[-1].headers
-
-
-def test_the_awaited_calls_do_the_same(service: FakeSubmissions, model: Path) -> None:
-    async def story() -> None:
-        async with AsyncClient("http://fake", "ours", transport=service.transport) as client:
-            detail = await client.submit(model, "smoke@2", "mine")
-            assert (await client.submission(detail.id)).name == "mine"
-            assert (await client.cancel_submission(detail.id)).state is SubmissionState.CANCELLED
-
-    asyncio.run(story())

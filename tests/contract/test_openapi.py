@@ -6,12 +6,8 @@ from typing import Any
 import httpx
 import pytest
 from contract_document import operations
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from service_harness import Agent, RunningService, problem
 
-from wrongturn_client import Client
-from wrongturn_protocol import PracticeRequest, ProblemType, Track
 from wrongturn_service.api import examples
 
 INTERFACE = {example["call"] for example in examples.load()}
@@ -76,78 +72,10 @@ def test_every_reference_leads_somewhere(document: dict[str, Any]) -> None:
     walk(document)
 
 
-KINDS = {f"/problems/{kind}" for kind in ProblemType} - {"/problems/internal"}
-
-
-@pytest.fixture(scope="module")
-def checks() -> list[Any]:
-    """What schemathesis checks of each response. It is imported here: it takes a second, and few tests need it."""
-    from schemathesis.checks import not_a_server_error
-    from schemathesis.specs.openapi import checks
-
-    return [
-        not_a_server_error,
-        checks.status_code_conformance,
-        checks.content_type_conformance,
-        checks.response_schema_conformance,
-    ]
-
-
 @pytest.fixture
 def agent(service: RunningService) -> Iterator[Agent]:
     with service.agent() as agent:
         yield agent
-
-
-@pytest.fixture
-def real(service: RunningService, agent: Agent) -> dict[str, str]:
-    """What there is, by the names of the paths' parameters."""
-    # Simulators may be held by other agents' episodes until those have been silent for a while.
-    with Client(service.url, agent.token, patience=60) as client:
-        episode = client.practise(PracticeRequest(town="Town01", approach="J1-E", track=Track.PRIVILEGED)).id
-    return {"evaluation": agent.evaluate()["id"], "episode": episode}
-
-
-@pytest.mark.parametrize("requests", [5, pytest.param(40, marks=pytest.mark.soak)])
-@pytest.mark.parametrize("name", sorted(call for call in INTERFACE if "/episodes" in call))
-def test_no_request_breaks_the_service_or_its_simulators(
-    service: RunningService,
-    document: dict[str, Any],
-    agent: Agent,
-    real: dict[str, str],
-    checks: list[Any],
-    name: str,
-    requests: int,
-) -> None:
-    import schemathesis
-    from schemathesis import GenerationMode
-
-    # test_openapi_in_use.py does the same with all operations, without a simulation.
-    method, _, path = name.partition(" ")
-    operation = schemathesis.openapi.from_dict(document)[path][method]
-
-    @settings(max_examples=requests, suppress_health_check=list(HealthCheck))
-    @given(
-        case=operation.as_strategy(generation_mode=GenerationMode.NEGATIVE) | operation.as_strategy(),
-        there=st.booleans(),
-    )
-    def check(case: schemathesis.Case, there: bool) -> None:
-        if there:
-            case.path_parameters |= {key: real[key] for key in case.path_parameters.keys() & real.keys()}
-        response = case.call(base_url=service.url, headers={"Authorization": f"Bearer {agent.token}"})
-        if response.status_code == 503:
-            assert response.json()["type"] == "/problems/simulators-busy"
-            return
-        if response.status_code not in {404, 405}:
-            # A path that nothing can be at is another operation's, or none's.
-            case.validate_response(response, checks=checks)
-        if response.status_code >= 400:
-            assert response.headers["content-type"] == ["application/problem+json"]
-            told = response.json()
-            assert told["type"] in KINDS
-            assert told["status"] == response.status_code
-
-    check()
 
 
 def test_every_other_method_is_refused_with_those_that_are_right(

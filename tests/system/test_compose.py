@@ -31,27 +31,10 @@ def test_it_is_healthy_and_not_root(composed: Service) -> None:
             assert file.read_text() not in inspect(container, "{{json .Config}}")
 
 
-def test_it_leaves_no_volume_without_a_name_behind(composed: Service) -> None:
-    project = composed.command[composed.command.index("-p") + 1]
-    for name in ("service", "database"):
-        mounts = json.loads(inspect(composed.compose("ps", "-q", name).strip(), "{{json .Mounts}}"))
-        volumes = [mount["Name"] for mount in mounts if mount["Type"] == "volume"]
-        assert volumes
-        assert all(volume.startswith(f"{project}_") for volume in volumes), volumes
-
-
 def test_the_database_wants_its_password(composed: Service) -> None:
     ask = ["exec", "-T", "-e", "PGPASSWORD=wrong", "database", "psql", "-h", "127.0.0.1", "-U", "wrongturn", "-c"]
     with pytest.raises(AssertionError, match="password authentication failed"):
         composed.compose(*ask, "SELECT 1")
-
-
-def test_only_the_operators_token_registers_a_baseline(composed: Service) -> None:
-    wanted = {"name": "shipped", "track": "privileged", "kind": "baseline"}
-    for token in (None, "another-token"):
-        assert composed.call("POST", "/v1/agents", wanted, token).status in {401, 403}
-    token = (composed.secrets / "operator_token").read_text()
-    assert composed.call("POST", "/v1/agents", wanted, token).status == 201
 
 
 def test_agents_from_outside_and_as_workers_come_on_the_leaderboard(composed: Service) -> None:
