@@ -16,8 +16,8 @@ from wrongturn_agents.saved_run import RunDatabase, SavedRun
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
 from wrongturn_agents.worker import GuardedAgent, begin, drive, episodes_side_by_side, service_at
 from wrongturn_client import Client, WrongturnError, settings
+from wrongturn_client.evaluation import run_lines
 from wrongturn_client.invocation import program
-from wrongturn_client.run_files import run_lines
 from wrongturn_client.settings import OPERATOR_TOKEN, OWNER_TOKEN
 from wrongturn_client.tables import standing
 from wrongturn_protocol import EvaluationDetail

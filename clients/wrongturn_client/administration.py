@@ -20,7 +20,6 @@ from wrongturn_protocol.administration import (
 )
 from wrongturn_protocol.vocabulary import Collection
 
-_PAGE = 500
 _PATIENCE = 300.0
 """Seconds for one attempt at a deletion, which can have much to delete."""
 
@@ -53,18 +52,18 @@ class Administration(RestCalls, Closing):
 
     def items(self, collection: Collection, limit: int, **filters: Any) -> Iterator[AdminItem]:
         """Yield at most ``limit`` items, newest first. Filters are those of the REST call; None leaves one out."""
-        for page in self._first(AdminList, limit, collection.value, **filters):
+        for page in self._pages(AdminList, "admin", collection.value, most=limit, **filters):
             yield from page.items
 
     def usage(self, limit: int, cursor: str | None = None) -> UsageList:
         """Return the owners with the most bytes, and the sum over all; ``cursor`` goes on after an earlier reply."""
-        pages = list(self._first(UsageList, limit, "usage", cursor=cursor))
+        pages = list(self._pages(UsageList, "admin", "usage", most=limit, cursor=cursor))
         owners = tuple(owner for page in pages for owner in page.owners)
         return UsageList(owners=owners, total=pages[0].total, next=pages[-1].next)
 
     def audit(self, limit: int, **filters: Any) -> Iterator[AuditEntry]:
         """Yield what the operator did, newest first. Filters are ``target`` and ``action``."""
-        for page in self._first(AuditList, limit, "audit", **filters):
+        for page in self._pages(AuditList, "admin", "audit", most=limit, **filters):
             yield from page.entries
 
     def item(self, collection: Collection, item: str) -> AdminDetail:
@@ -86,14 +85,3 @@ class Administration(RestCalls, Closing):
     def delete(self, collection: Collection, item: str, *, free: bool = False, reason: str | None = None) -> Deletion:
         """Delete an item with all that hangs on it. Safe to call again."""
         return self._call(Deletion, "DELETE", "admin", collection.value, item, reason=reason, free=free or None)
-
-    def _first(self, kind: Any, limit: int, *path: str, cursor: str | None = None, **filters: Any) -> Iterator[Any]:
-        """Yield pages until there are ``limit`` items."""
-        while limit > 0:
-            size = min(limit, _PAGE)
-            page = self._get(kind, "admin", *path, **filters, limit=size, cursor=cursor)
-            yield page
-            limit -= size
-            cursor = page.next
-            if cursor is None:
-                return

@@ -14,13 +14,12 @@ from wrongturn_client import settings
 from wrongturn_client.drive import DriveSocket
 from wrongturn_client.episode_calls import DriveConnection, validated
 from wrongturn_client.errors import NotOfferedError, ProtocolError
-from wrongturn_client.evaluating import Progress, evaluate
-from wrongturn_client.evaluation import Episode, EpisodePage, Evaluation, at, plotted
+from wrongturn_client.evaluating import evaluate
+from wrongturn_client.evaluation import Episode, EpisodePage, Evaluation, at, plotted, run_lines
 from wrongturn_client.http_drive import HttpCalls, HttpDrive
 from wrongturn_client.policy import Policy, PolicyMaker
 from wrongturn_client.rest import AccountCalls, PublicCalls
-from wrongturn_client.run_files import run_lines
-from wrongturn_client.transport import JSON, MSGPACK, Transport, Upload, is_proxied, path_of
+from wrongturn_client.transport import JSON, MSGPACK, Progress, Transport, is_proxied, path_of
 from wrongturn_protocol import (
     EpisodeRecord,
     EpisodeState,
@@ -33,7 +32,7 @@ from wrongturn_protocol import (
 )
 from wrongturn_protocol.json_output import write_whole
 from wrongturn_protocol.pixmap import PIXMAP, from_pixmap
-from wrongturn_protocol.submissions import MODEL, NAME, SUITE
+from wrongturn_protocol.submissions import NAME, SUITE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -144,7 +143,7 @@ class Client(HttpCalls, PublicCalls, AccountCalls):
         versions: dict[str, str] | None = None,
         parallel: int = 1,
     ) -> Evaluation:
-        """Drive a policy through all trials of a suite.
+        """Drive a policy through all trials of a suite; return the evaluation with its metrics, secret and episodes.
 
         If the agent has an open evaluation on the suite, it is resumed: open episodes continue from their last reply.
 
@@ -157,9 +156,6 @@ class Client(HttpCalls, PublicCalls, AccountCalls):
             versions: Versions of the agent's software by name, for the record.
             parallel: Episodes driven at a time, at most 32, each in a thread with a connection of its own. A policy
                 that all episodes share must not keep a memory between steps. The threads call ``progress`` in turns.
-
-        Returns:
-            The finished evaluation with its metrics, its secret and its episodes.
 
         Raises:
             CommitmentError: The secret is not the one that the service promised at the beginning.
@@ -259,8 +255,7 @@ class Client(HttpCalls, PublicCalls, AccountCalls):
             SubmissionsUnavailableError: The service takes no submissions.
         """
         fields = {SUITE: suite} if name is None else {SUITE: suite, NAME: name}
-        upload = Upload(Path(file), MODEL, fields, progress)
-        answer = self._transport.send_form("/v1/submissions", upload, str(uuid.uuid4()))
+        answer = self._transport.send_model("/v1/submissions", fields, Path(file), progress, str(uuid.uuid4()))
         return validated(SubmissionDetail, answer.message())
 
     def submissions(self) -> tuple[SubmissionDetail, ...]:

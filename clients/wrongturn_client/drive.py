@@ -50,17 +50,9 @@ class DriveSocket(DriveConnection):
     """
 
     def __init__(
-        self,
-        url: SplitResult,
-        token: str | None,
-        *,
-        timeout: float = 30.0,
-        patience: float = 60.0,
-        contact: Contact | None = None,
+        self, url: SplitResult, token: str | None, *, timeout: float, patience: float, contact: Contact
     ) -> None:
         """Connect with an agent's token; ``timeout`` and ``patience`` are those of :class:`~wrongturn_client.Client`.
-
-        Without a ``contact``, which knows that the service has answered before, the first attempts end soon.
 
         Raises:
             ServiceUnreachableError: Nobody answers.
@@ -68,7 +60,7 @@ class DriveSocket(DriveConnection):
             ApiError: The service refuses.
         """
         super().__init__(patience)
-        self._contact = contact or Contact(url.geturl())
+        self._contact = contact
         self._dial = partial(_dialled, url, token, timeout)
         self._timeout = timeout
         self._connection: ClientConnection | None = None

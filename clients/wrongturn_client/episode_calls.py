@@ -130,12 +130,9 @@ class EpisodeCalls(Closing):
         return self._model(EpisodeReply, practise_call(request, key))
 
     def step(self, episode: str, seq: int, action: ActionLike) -> StepReply:
-        """Drive an episode for 0.1 s.
+        """Drive an episode for 0.1 s; ``seq`` is that of the last reply, plus 1.
 
-        Args:
-            episode: The episode's id.
-            seq: The ``seq`` of the last reply, plus 1.
-            action: What the car does: an Action, or steer, throttle and brake in an array, a tuple or a list.
+        The action is an Action, or steer, throttle and brake in an array, a tuple or a list.
 
         Raises:
             InvalidActionError: The action is not three numbers in their ranges.

@@ -4,7 +4,6 @@ import contextlib
 import hashlib
 import platform
 import sys
-from collections.abc import Callable
 from importlib import metadata
 from typing import TYPE_CHECKING, Final
 
@@ -12,13 +11,12 @@ from wrongturn_client.errors import CommitmentError, EvaluationOpenError, Wrongt
 from wrongturn_client.evaluation import Evaluation, keep
 from wrongturn_client.evaluation_driver import EpisodeRecorder, EvaluationDriver
 from wrongturn_client.policy import Policy, PolicyMaker, maker_of
+from wrongturn_client.transport import Progress
 from wrongturn_protocol import EpisodeRecord, EvaluationState
 
 if TYPE_CHECKING:
     from wrongturn_client.client import Client
 
-Progress = Callable[[int, int], None]
-"""Called with the numbers of finished and of all episodes, or of sent and of all bytes."""
 _CONNECTIONS: Final = 32
 """Most connections for driving that a service gives one agent by default."""
 _WIDTH: Final = 30

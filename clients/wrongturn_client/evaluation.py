@@ -1,6 +1,7 @@
 """An evaluation and its episodes, to look at: as a table, a pandas frame and figures."""
 
-from collections.abc import Iterable
+import json
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -13,6 +14,8 @@ from wrongturn_protocol.suggestions import did_you_mean
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
+
+    from wrongturn_client.client import Client
 
 M = TypeVar("M", "Evaluation", "Episode")
 
@@ -142,11 +145,7 @@ def check_finished(evaluation: EvaluationDetail, remedy: str) -> None:
 
 
 def plotted(trajectory: bytes, outcome: Outcome | None) -> "Figure":
-    """Return a matplotlib figure of an episode. Another part draws it, which an entry point names.
-
-    Raises:
-        PluginError: Nothing is installed that draws.
-    """
+    """Return a matplotlib figure of an episode. Another part draws it, or PluginError says what to install."""
     from wrongturn_client.plugins import entry_points, load  # noqa: PLC0415 - only figures need it
 
     point = next(iter(entry_points("wrongturn.plots").values()), None)
@@ -165,3 +164,27 @@ def at(found: M, url: str) -> M:
 def keep(evaluation: Evaluation, episodes: tuple[Episode, ...]) -> None:
     """Keep an evaluation's episodes, so that they are there when the service is gone."""
     vars(evaluation)["episodes"] = episodes  # where cached_property looks first
+
+
+def run_lines(client: "Client", evaluation: str) -> Iterator[bytes]:
+    """Yield the lines of an evaluation's run file. Each trajectory is fetched when its line is next."""
+    detail = client.evaluation(evaluation)
+    check_finished(detail, f"wrongturn run --resume {evaluation}")
+    head = {
+        **detail.model_dump(mode="json"),
+        "suite_sha256": client.suite(detail.suite).sha256,
+        "driver": client.agent(detail.agent).model_dump(mode="json"),
+    }
+    yield json.dumps(head).encode()[:-1] + b', "episodes": [\n'
+    between = b""
+    for episode in client.finished_episodes(evaluation):
+        yield between + _line(client, episode)
+        between = b",\n"
+    yield b"\n]}\n"
+
+
+def _line(client: "Client", episode: EpisodeDetail) -> bytes:
+    """Return an episode as JSON. The trajectory keeps its bytes, so that its checksum stays right."""
+    known = episode.model_dump(mode="json", include={"id", "trial", "outcome"})
+    trajectory = client.trajectory(episode.id) if episode.trajectory_sha256 is not None else b""
+    return json.dumps(known).encode()[:-1] + b', "trajectory": ' + (trajectory or b"null") + b"}"

@@ -15,10 +15,8 @@ from wrongturn_client.client import Client
 from wrongturn_protocol import SubmissionDetail, SubmissionState
 from wrongturn_protocol.submissions import SubmissionLogLine
 
-_SHORTEST_PAUSE: Final = 0.3
-"""Seconds between two looks at a submission at first: a check takes seconds."""
-_LONGEST_PAUSE: Final = 2.0
-_GROWTH: Final = 1.1
+_PAUSE: Final = 1.0
+"""Seconds between two looks at a submission."""
 _LINE_EVERY: Final = 10.0
 """Seconds between two plain lines about the same state."""
 
@@ -70,7 +68,6 @@ class Display:
 def follow(client: Client, submission: str, display: Display) -> SubmissionDetail:
     """Follow a submission until it is over, and return it."""
     seen = 0
-    pause = _SHORTEST_PAUSE
     while True:
         detail = client.submission(submission)
         # Read after the state, so that the last state's log is complete.
@@ -81,8 +78,7 @@ def follow(client: Client, submission: str, display: Display) -> SubmissionDetai
         display.at(detail)
         if detail.state.over:
             return detail
-        time.sleep(pause)
-        pause = min(_LONGEST_PAUSE, pause * _GROWTH)
+        time.sleep(_PAUSE)
 
 
 def whereabouts(detail: SubmissionDetail) -> str:

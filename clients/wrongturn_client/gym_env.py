@@ -82,8 +82,7 @@ class RemoteEnv(TrialEnv):
     def step(self, action: ActionLike) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Drive on for 0.1 s. After an error you can repeat the step: it is driven only once.
 
-        Args:
-            action: Steer, throttle and brake: a float32 array (3,), a tuple, a list or an Action.
+        The action is steer, throttle and brake: a float32 array (3,), a tuple, a list or an Action.
 
         Raises:
             InvalidActionError: It is not three numbers, or one is out of range.

@@ -59,11 +59,8 @@ class LocalService:
     ) -> None:
         """Store the settings; ``start``, or entering a ``with`` block, starts the service.
 
-        Args:
-            database: SQLAlchemy URL of the database; the service's default if None.
-            port: Port to listen on; 0 for a free one.
-            environment: Environment variables for the service, added to those of this process.
-            log: File for the service's stderr.
+        ``database`` is an SQLAlchemy URL, by default the service's own; port 0 is a free one. ``environment`` is added
+        to that of this process; ``log`` is a file for the service's stderr.
         """
         self.url = ""
         """The service's URL, once it is started."""

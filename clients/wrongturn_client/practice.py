@@ -2,7 +2,6 @@
 
 import contextlib
 import secrets
-import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -107,10 +106,6 @@ class Practice(Closing):
         If you send the call twice, both replies name the same episode.
         """
         return practise_call(self._draw(random, trial))
-
-    def again(self, call: list[Any]) -> list[Any]:
-        """Return the call that begins another episode of the same trial."""
-        return [*call[:2], str(uuid.uuid4())]
 
     def exchange(self, calls: Sequence[EpisodeCall], patience: float | None = None) -> list[Result]:
         """Return the results of any number of calls; raises as :meth:`DriveConnection.exchange`.

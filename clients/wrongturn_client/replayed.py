@@ -23,12 +23,9 @@ class Replayed(NamedTuple):
 
 
 def replayed_from(source: str, episode: str | None = None, url: str | None = None) -> Replayed:
-    """Return the episode that a file or a service has.
+    """Return the episode that a file, or the service at a URL, has.
 
-    Args:
-        source: A file, or an episode's id.
-        episode: Which episode of the file of ``run --json``: its id, or its trial's.
-        url: The service's URL, if the source is an id.
+    The source is a file or an episode's id. ``episode`` chooses from the file of ``run --json`` by an id or a trial's.
 
     Raises:
         ReplayError: The file cannot be read, or it has no such episode.

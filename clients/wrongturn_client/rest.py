@@ -1,6 +1,7 @@
 """REST calls with typed replies: those that need no token, and those about owners, agents and their tokens."""
 
 import reprlib
+import sys
 import uuid
 from collections.abc import Iterator
 from typing import Any, Final, TypeVar
@@ -15,7 +16,7 @@ from wrongturn_client.transport import CSV, Transport, path_of
 from wrongturn_protocol.suggestions import did_you_mean
 
 M = TypeVar("M", bound=BaseModel)
-_PAGE: Final = "500"
+_PAGE: Final = 500
 """Items of a list that are asked for at a time."""
 
 
@@ -39,11 +40,10 @@ class RestCalls:
     def _get(self, kind: type[M], *path: str, **query: Any) -> M:
         return self._call(kind, "GET", *path, **query)
 
-    def _pages(self, kind: type[M], *path: str, **query: Any) -> Iterator[M]:
-        """Yield the pages of a list, each when the one before was read."""
-        query = {"limit": _PAGE, **query}
-        while True:
-            page: Any = self._get(kind, *path, **query)
+    def _pages(self, kind: type[M], *path: str, most: int = sys.maxsize, **query: Any) -> Iterator[M]:
+        """Yield the pages of a list, each when the one before was read, until there are ``most`` items."""
+        for left in range(most, 0, -_PAGE):
+            page: Any = self._get(kind, *path, limit=min(left, _PAGE), **query)
             yield page
             if page.next is None:
                 return

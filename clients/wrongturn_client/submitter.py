@@ -125,11 +125,7 @@ def is_name(name: str) -> bool:
 
 
 def known_submitter(url: str, owner_name: str | None) -> Submitter:
-    """Return who hands in at a service: the owner of this name, or by default the environment's or the one used last.
-
-    Raises:
-        WrongturnError: No such token is known here.
-    """
+    """Return who handed in at a service: the owner of this name, or by default the environment's or the one used last."""
     if owner_name is None and (found := _from_environment()) is not None:
         return found
     tokens = OwnerTokens()
@@ -145,12 +141,9 @@ def known_submitter(url: str, owner_name: str | None) -> Submitter:
 
 
 def submitter(url: str, owner_name: str | None, say: Callable[[str], None]) -> Submitter:
-    """Return who hands in at a service; register an owner if no token is known, and keep its token.
+    """Return who hands in at a service; register an owner if no token is known, keep its token, and say so.
 
-    Args:
-        url: The service's URL.
-        owner_name: Name of the owner. None: the environment's or the one used last, else a new one with the login name.
-        say: Called with what the user has to know.
+    Without a name the owner is the environment's or the one used last, else a new one with the login name.
 
     Raises:
         WrongturnError: The owner cannot be registered, or its token cannot be kept.

@@ -71,10 +71,7 @@ def head(word: str, letters: int = 8) -> str:
 def leaderboard_table(leaderboard: Leaderboard, others: Sequence[str] = (), url: str | None = None) -> Table:
     """Return the ranking on a suite, with a line for each fault, or for each task of journeys.
 
-    Args:
-        leaderboard: The ranking.
-        others: Suites with entries, named if this one has none.
-        url: URL that the commands for those name. None: they name none.
+    An empty one names ``others``, suites with entries, by commands with the URL if there is one.
     """
     lines = _notes(leaderboard)
     if not leaderboard.entries:
@@ -209,10 +206,7 @@ def comparison_table(comparison: Comparison) -> Table:
 def standing(leaderboard: Leaderboard, evaluation: str, *, alone: bool = False) -> str:
     """Return a sentence about an evaluation's place: its rank and the interval that decides it, or why it has none.
 
-    Args:
-        leaderboard: The ranking.
-        evaluation: Id of the evaluation.
-        alone: Whether the service has no other agents; the sentence then says whether the agent would be ranked.
+    If the service has no other agents (``alone``), the sentence says whether the agent would be ranked.
     """
     entry = next((entry for entry in leaderboard.entries if entry.evaluation == evaluation), None)
     if entry is None:

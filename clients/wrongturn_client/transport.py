@@ -33,8 +33,11 @@ from wrongturn_client.errors import (
     api_error,
 )
 from wrongturn_protocol import Problem
+from wrongturn_protocol.submissions import MODEL
 
 T = TypeVar("T")
+Progress = Callable[[int, int], None]
+"""Called with the numbers of finished and of all episodes, or of sent and of all bytes."""
 JSON: Final = "application/json"
 MSGPACK: Final = "application/msgpack"
 CSV: Final = "text/csv"
@@ -100,19 +103,6 @@ class Answer:
         raise api_error(problem, retry_after)
 
 
-@dataclass(frozen=True)
-class Upload:
-    """Form with one file, the last of its fields. The file is read while it is sent, so it need not fit into memory."""
-
-    path: Path
-    field: str
-    """Name of the file's field."""
-    fields: Mapping[str, str]
-    """The other fields, which are sent before the file."""
-    progress: Callable[[int, int], None] | None = None
-    """Called with the numbers of sent and of all bytes of the file."""
-
-
 class PlainConnections:
     """Plain HTTP with the standard library; threads may share it."""
 
@@ -168,16 +158,18 @@ class HttpxConnections:
         """Send a request and return its answer; raise OSError if none comes."""
         return self._send(method, path, headers, content=content)
 
-    def send_form(self, path: str, headers: dict[str, str], upload: Upload) -> Answer:
-        """Post a form and return the answer; raise ModelFileError if its file cannot be read."""
+    def send_model(
+        self, path: str, headers: dict[str, str], fields: Mapping[str, str], model: Path, progress: Progress | None
+    ) -> Answer:
+        """Post a form and return the answer; raise ModelFileError if the model cannot be read."""
         try:
-            with _CountedFile(upload) as file:
-                files = {upload.field: (upload.path.name, file, "application/octet-stream")}
-                return self._send("POST", path, headers, data=upload.fields, files=files)
+            with _CountedFile(model, progress) as file:
+                files = {MODEL: (model.name, file, "application/octet-stream")}
+                return self._send("POST", path, headers, data=fields, files=files)
         except ConnectionBrokeError:
             raise
         except OSError as error:
-            raise ModelFileError(f"model: {upload.path} cannot be read: {error.strerror or error}") from error
+            raise ModelFileError(f"model: {model} cannot be read: {error.strerror or error}") from error
 
     def close(self) -> None:
         """Close all connections."""
@@ -191,15 +183,12 @@ class HttpxConnections:
         return Answer(response.status_code, response.content, response.headers)
 
 
-Connections = PlainConnections | HttpxConnections
-
-
 class _CountedFile(io.BufferedReader):
     """File that reports how far it has been read."""
 
-    def __init__(self, upload: Upload) -> None:
-        super().__init__(io.FileIO(upload.path))
-        self._size, self._progress = upload.path.stat().st_size, upload.progress
+    def __init__(self, path: Path, progress: Progress | None) -> None:
+        super().__init__(io.FileIO(path))
+        self._size, self._progress = path.stat().st_size, progress
 
     def read(self, size: int | None = -1, /) -> bytes:
         content = super().read(size)
@@ -343,12 +332,17 @@ class Transport:
             content = msgpack.packb(body) if media_type == MSGPACK else json.dumps(body, allow_nan=False).encode()
         return self._repeat(lambda: self._connections.exchange(method, path, headers, content), patience)
 
-    def send_form(self, path: str, upload: Upload, key: str) -> Answer:
-        """Send a form until it is answered, each time from its start; raises as :meth:`call`, or ModelFileError."""
+    def send_model(
+        self, path: str, fields: Mapping[str, str], model: Path, progress: Progress | None, key: str
+    ) -> Answer:
+        """Send a form until it is answered, each time from its start; raises as :meth:`call`, or ModelFileError.
+
+        The model is its last field. It is read while it is sent, so it need not fit into memory.
+        """
         headers = self._headers | {"Accept": JSON, "Idempotency-Key": key}
         connections = HttpxConnections(self.url, self.timeout, self.injected)
         try:
-            return self._repeat(lambda: connections.send_form(path, headers, upload))
+            return self._repeat(lambda: connections.send_model(path, headers, fields, model, progress))
         finally:
             if self.injected is None:  # closing would close the caller's transport
                 connections.close()

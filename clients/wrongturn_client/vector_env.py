@@ -2,6 +2,7 @@
 
 import contextlib
 import time
+import uuid
 from collections.abc import Iterable, Sequence
 from typing import Any, Final, Unpack, cast
 
@@ -181,7 +182,7 @@ class RemoteVectorEnv(TrialVectorEnv):
                     f"({first}); make fewer environments, or try again when the service is less busy"
                 ) from first
             for i in begun:
-                self._calls[i] = self._practice.again(self._calls[i])
+                self._calls[i] = [*self._calls[i][:2], str(uuid.uuid4())]  # another episode of the same trial
             time.sleep(min(left, 1.0 if first.retry_after is None else first.retry_after))
 
     def _check_slots(self) -> None:

@@ -305,10 +305,6 @@ def test_two_agents_are_compared(served: FakeService) -> None:
     assert (found.suite, found.a.name, found.b.name, found.p) == ("smoke@2", "mine & yours", "id 2", 1.0)
 
 
-def test_a_comparison_needs_two_agents(served: FakeService) -> None:
-    assert runner.invoke(cli.app, ["leaderboard", "--compare", "mine"]).exit_code == 2
-
-
 def test_doctor_tells_what_is_wrong_and_what_to_do(
     points: dict[tuple[str, str], str], served: FakeService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -233,30 +233,6 @@ def test_a_drive_begins_while_a_known_service_is_started_again(
             drive.abort_episode(drive.practise(REQUEST).id)
 
 
-@pytest.mark.parametrize("gone", [b""], indirect=True, ids=["closes"])
-def test_an_evaluation_bears_that_the_service_is_started_again(
-    client: Client, forwarder: Forwarder, gone: Callable[[float], None]
-) -> None:
-    class Interrupted(Gas):
-        def act(self, observation: Observation) -> Action:
-            if self.steps == 5:
-                gone(15)
-            return super().act(observation)
-
-    with Client(forwarder.url, client._token) as here:
-        assert here.evaluate(Interrupted(), "smoke@2").state is EvaluationState.FINISHED
-    assert forwarder.plugged > 1
-
-
-def test_open_episodes_are_gone_on_with(client: Client) -> None:
-    evaluation = client.create_evaluation("smoke@2")
-    episode = client.next_episode(evaluation.id)
-    client.step(episode.id, 1, GAS)
-    done = client.evaluate(Gas(), "smoke@2", evaluation=evaluation.id)
-    assert done.state is EvaluationState.FINISHED
-    assert episode.id in [one.id for one in client.finished_episodes(evaluation.id)]
-
-
 def test_a_bad_token_is_told_at_the_handshake(service: LocalService) -> None:
     with Client(service.url, "nobody's") as client, pytest.raises(AuthenticationError):
         client.drive()

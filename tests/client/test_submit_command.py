@@ -37,7 +37,7 @@ def served(monkeypatch: pytest.MonkeyPatch, home: Path) -> FakeSubmissions:
 
     monkeypatch.setattr(submitting, "Client", client)
     monkeypatch.setattr(submitter, "Client", client)
-    monkeypatch.setattr(following, "_SHORTEST_PAUSE", 0.0)
+    monkeypatch.setattr(following, "_PAUSE", 0.0)
     monkeypatch.setattr(transport, "_SHORTEST_PAUSE", 0.0)
     return service
 

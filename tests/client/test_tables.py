@@ -161,12 +161,6 @@ def test_towns_stay_readable_at_80_columns() -> None:
     assert "…" not in _shown(listing_table("towns", towns), width=80)
 
 
-def test_an_empty_leaderboard_says_so() -> None:
-    shown = _shown(leaderboard_table(_leaderboard()))
-    assert "No evaluation on this suite has been finished" in shown
-    assert "unsafe" not in shown, "the suite may be one of journeys"
-
-
 def test_an_empty_leaderboard_repeats_the_url_in_its_commands() -> None:
     shown = _shown(leaderboard_table(_leaderboard(), ["wrong-command@2"], "http://[::1]:8000")).splitlines()
     assert "wrongturn leaderboard wrong-command@2 --url 'http://[::1]:8000'" in shown
