@@ -189,8 +189,8 @@ class AccountCalls(RestCalls):
 
     def agents(self, *, everybody: bool = False) -> tuple[protocol.AgentDetail, ...]:
         """Return the agents that have begun an evaluation; with ``everybody`` also those that have only practised."""
-        query = {"all": "true"} if everybody else {}
-        return tuple(agent for page in self._pages(protocol.AgentList, "agents", **query) for agent in page.agents)
+        pages = self._pages(protocol.AgentList, "agents", all=everybody or None)
+        return tuple(agent for page in pages for agent in page.agents)
 
     def agent(self, agent: str) -> protocol.AgentDetail:
         """Return an agent by its id."""

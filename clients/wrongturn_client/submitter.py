@@ -125,7 +125,7 @@ def is_name(name: str) -> bool:
 
 
 def known_submitter(url: str, owner_name: str | None) -> Submitter:
-    """Return who handed in at a service: the owner of this name, or by default the environment's or the one used last."""
+    """Return who handed in: the owner of this name, or by default the environment's or the one used last there."""
     if owner_name is None and (found := _from_environment()) is not None:
         return found
     tokens = OwnerTokens()
