@@ -3,8 +3,7 @@
 import sys
 
 from wrongturn_client import WrongturnError
-from wrongturn_runner.conversation import FAILED, Conversation
-from wrongturn_runner.errors import ModelAtFaultError, NoRoomError, RunnerFailedError
+from wrongturn_runner.conversation import FAILED, Conversation, ModelAtFaultError, NoRoomError, RunnerFailedError
 from wrongturn_runner.jobs import check, drive
 from wrongturn_runner.messages import BUSY, JOB, REASON_MOST, CheckJob, Refused
 from wrongturn_sandbox.reasons import printable

@@ -8,12 +8,28 @@ from typing import Final, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from wrongturn_runner.errors import RunnerFailedError
 from wrongturn_runner.messages import LAST, Event
 
 _T = TypeVar("_T")
 FAILED: Final = 1
 """Exit status of a runner that did not finish its work."""
+
+
+class ModelAtFaultError(BaseException):
+    """The model cannot be driven. The message tells its owner what is wrong and what to do.
+
+    It and the next two are no ``Exception``: the client aborts the episode of a policy that raises one, and an aborted
+    episode counts. The service decides what becomes of open episodes. It closes the evaluation of a refused model, and
+    drives again what a lost sandbox left open.
+    """
+
+
+class RunnerFailedError(BaseException):
+    """Something else than the model has failed. The service starts another runner."""
+
+
+class NoRoomError(RunnerFailedError):
+    """All sandboxes are taken. The service starts another runner later."""
 
 
 class Conversation:

@@ -6,8 +6,7 @@ from typing import Final
 from wrongturn_client import Client, WrongturnError
 from wrongturn_protocol import EvaluationState, PracticeRequest
 from wrongturn_protocol.observations import observation_space
-from wrongturn_runner.conversation import Conversation
-from wrongturn_runner.errors import RunnerFailedError
+from wrongturn_runner.conversation import Conversation, RunnerFailedError
 from wrongturn_runner.messages import PRACTICE, CheckJob, Described, DriveJob, Driven, Passed, Progressed
 from wrongturn_runner.model import EpisodePolicy, sandboxed_model
 from wrongturn_runner.pace import CHECK_DEADLINE_S, CHECK_STEP_S, DRIVE_DEADLINE_S, DRIVE_STEP_S, Pace

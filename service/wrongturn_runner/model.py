@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wrongturn_protocol import Action, Track
 from wrongturn_protocol.model_contract import ContractError, ModelContract, ModelSignature, TensorSpec, contract_of
 from wrongturn_protocol.observations import Observation
-from wrongturn_runner.errors import ModelAtFaultError, NoRoomError, RunnerFailedError
+from wrongturn_runner.conversation import ModelAtFaultError, NoRoomError, RunnerFailedError
 from wrongturn_runner.messages import REASON_MOST, Job
 from wrongturn_runner.pace import LOAD_S, Pace
 from wrongturn_sandbox.errors import ModelRefusedError, SandboxBusyError, SandboxLostError, SandboxUnavailableError

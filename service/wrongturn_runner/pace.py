@@ -3,7 +3,7 @@
 import threading
 from typing import Final
 
-from wrongturn_runner.errors import ModelAtFaultError
+from wrongturn_runner.conversation import ModelAtFaultError
 
 LOAD_S: Final = 5.0
 """Seconds in which a model has to load."""

@@ -104,7 +104,6 @@ class Bubblewrap:
         finally:
             theirs.close()
         self.connection = mine
-        self.pid: int | None = self._process.pid
 
     def why_not(self) -> str:
         """End the guest, and return why it did not start, for an operator."""

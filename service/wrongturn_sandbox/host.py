@@ -26,7 +26,6 @@ class Remote:
 
     def __init__(self, path: Path) -> None:
         self.connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self.pid: int | None = None
         self._path = path
         try:
             self.connection.settimeout(5)
@@ -64,11 +63,6 @@ class Sandbox(contextlib.AbstractContextManager["Sandbox", None]):
         self._limits = limits
         self.runtime = ""
         """Names and versions of the guest's libraries: ``onnxruntime 1.31.1, onnx 1.23.2``."""
-
-    @property
-    def pid(self) -> int | None:
-        """Process id of bubblewrap, or None in a runner container."""
-        return self._guest.pid
 
     def load(self, model: bytes | bytearray | memoryview) -> Description:
         """Check and load a model's file. Call it once. Raises ModelRefusedError, SandboxLostError."""

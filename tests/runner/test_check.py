@@ -11,7 +11,7 @@ from small_models import forgetful, not_a_number_above, of_input, slow, steady
 
 from wrongturn_client import Client, LocalService
 from wrongturn_protocol import Track
-from wrongturn_runner.errors import ModelAtFaultError
+from wrongturn_runner.conversation import ModelAtFaultError
 from wrongturn_runner.jobs import check
 from wrongturn_runner.messages import Described, Passed, PracticeJob, Refused
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from wrongturn_runner.errors import ModelAtFaultError
+from wrongturn_runner.conversation import ModelAtFaultError
 from wrongturn_runner.pace import Pace
 
 

@@ -7,19 +7,25 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import psutil
 
-def children(pid: int) -> list[int]:
-    """Return the processes that a process has started, and theirs."""
-    threads = Path(f"/proc/{pid}/task").glob("*/children")
-    found = [int(child) for thread in threads for child in thread.read_text().split()]
-    return [*found, *(later for child in found for later in children(child))]
+
+def children(pid: int | None = None) -> list[int]:
+    """Return the processes that a process, this one if none is named, has started, and theirs."""
+    return [child.pid for child in psutil.Process(pid).children(recursive=True)]
+
+
+def bubblewrap_and_guest() -> tuple[int, int]:
+    """Return the processes of the one sandbox under bubblewrap that this process has opened."""
+    (bubblewrap,) = [child for child in psutil.Process().children() if child.name() == "bwrap"]
+    return bubblewrap.pid, children(bubblewrap.pid)[-1]
 
 
 def gone(pid: int) -> bool:
     """Return whether a process has ended."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
-    except OSError:
+        return psutil.Process(pid).status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
         return True
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from guest_processes import ListenerProcess, children
+from guest_processes import ListenerProcess, bubblewrap_and_guest
 from upload_models import model
 
 from wrongturn_sandbox import Limits, open_sandbox
@@ -23,7 +23,7 @@ def guest(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         process = ListenerProcess(tmp_path_factory.mktemp("run"))
     with open_sandbox(None if process is None else process.path, Limits(MEMORY, 60, 60)) as sandbox:
         sandbox.load(model())
-        yield (children(sandbox.pid or 0) if process is None else process.guests())[-1]
+        yield bubblewrap_and_guest()[1] if process is None else process.guests()[-1]
     if process is not None:
         process.end()
 

@@ -85,7 +85,6 @@ class AgentRow(Base):
     trained_on_faults: Mapped[bool] = mapped_column(Boolean, default=False, server_default=false())
     """Whether it met wrong commands in its training, as its owner says."""
     stored_bytes: Mapped[int] = _bytes()
-    """Bytes of the row."""
     token_sha256: Mapped[str | None] = mapped_column(_SHA, unique=True)
     created: Mapped[float] = mapped_column(Double)
     owner_id: Mapped[str] = _of("owners", index=True)
@@ -210,7 +209,6 @@ class ResultsRow(Base):
     """JSON of ResultsRequest."""
     created: Mapped[float] = mapped_column(Double)
     stored_bytes: Mapped[int] = _bytes()
-    """Bytes of the row."""
 
 
 class IdempotencyRow(Base):
@@ -239,7 +237,6 @@ class IdempotencyRow(Base):
     submission_id: Mapped[str | None] = _of("submissions", index=True)
     """The submission that the request handed in."""
     stored_bytes: Mapped[int] = _bytes()
-    """Bytes of the row."""
 
 
 class SubmissionRow(Base):
@@ -263,9 +260,7 @@ class SubmissionRow(Base):
     track: Mapped[str | None] = mapped_column(_WORD)
     """Track of the agent, once the model is checked."""
     sha256: Mapped[str] = mapped_column(_SHA)
-    """SHA-256 of the model."""
     size: Mapped[int] = mapped_column(BigInteger)
-    """Bytes of the model."""
     stored_bytes: Mapped[int] = _bytes()
     """Bytes of the row, its log and, while it is there, the model."""
     state: Mapped[str] = mapped_column(_WORD, index=True)
@@ -326,9 +321,7 @@ class AuditRow(Base):
     kind: Mapped[str] = mapped_column(_WORD)
     """What the target is: an owner, an agent, an evaluation or a submission."""
     target: Mapped[str] = mapped_column(_ID, index=True)
-    """Id of the target."""
     name: Mapped[str] = mapped_column(String(160))
-    """Name of the target."""
     reason: Mapped[str | None] = mapped_column(Text)
     """Why, as the operator says."""
     counts: Mapped[str] = mapped_column(Text)

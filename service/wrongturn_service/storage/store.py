@@ -42,14 +42,10 @@ class Store(AccountStore, EvaluationStore, EpisodeStore):
     async def purge(
         self, *, practice_before: float, replies_before: float, abandoned_before: float, unused_before: float
     ) -> None:
-        """Delete what is old. All times are seconds since 1970.
+        """Delete what is older than these times, seconds since 1970: practice, and replies to idempotency keys.
 
-        Args:
-            practice_before: Practice that was over before.
-            replies_before: Replies to idempotency keys that were stored before.
-            abandoned_before: Lost episodes, and all episodes and records of cancelled evaluations, from before.
-            unused_before: Owners who registered themselves, have no evaluation and no submission, and have stored
-                nothing since; with their agents.
+        What is ``abandoned`` are lost episodes, and all episodes and records of cancelled evaluations. The ``unused``
+        are owners who registered themselves and have no evaluation and no submission, with their agents.
         """
         practice = delete(EpisodeRow).where(*over_practice(), EpisodeRow.finished < practice_before)
         replies = delete(IdempotencyRow).where(IdempotencyRow.created < replies_before)

@@ -120,10 +120,10 @@ class SubmissionStore(Queries):
             query = query.where(SubmissionRow.seq < before)
         return await self._all(query)
 
-    async def waiting(self, *states: SubmissionState) -> Sequence[SubmissionRow]:
-        """Return the submissions in these states in the order of arrival. Without any, all that wait or run."""
-        query = select(SubmissionRow).where(SubmissionRow.state.in_(states or OPEN))
-        return await self._all(query.order_by(SubmissionRow.seq))
+    async def waiting(self) -> Sequence[SubmissionRow]:
+        """Return the submissions that wait or run in the order of arrival."""
+        query = select(SubmissionRow).where(SubmissionRow.state.in_(OPEN)).order_by(SubmissionRow.seq)
+        return await self._all(query)
 
     async def progress(self, evaluation_ids: Iterable[str]) -> dict[str, tuple[int, int]]:
         """Return how many episodes of each of some hundred evaluations were driven to their end, and how many it has.

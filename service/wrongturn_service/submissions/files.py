@@ -64,7 +64,12 @@ class ModelFiles:
         """
         written = {file.stem: file.stat().st_mtime for file in self.folder.glob("su_*.onnx")}
         known = {row.id: row for row in await rows.some(written)}
-        useless = [name for name, since in written.items() if _useless(known.get(name), since, before)]
+        useless = []
+        for name, since in written.items():
+            row = known.get(name)
+            over = since if row is None else row.ended
+            if (row is not None and never_driven(row)) or (over is not None and over < before):
+                useless.append(name)
         for name in useless:
             self.delete(name)
             await rows.forget_model(name)
@@ -120,9 +125,3 @@ class ArrivingModel:
 def never_driven(row: SubmissionRow) -> bool:
     """Return whether a submission is over and has no evaluation. Its model is of no use to anybody."""
     return SubmissionState(row.state).over and row.evaluation_id is None
-
-
-def _useless(row: SubmissionRow | None, written: float, before: float) -> bool:
-    if row is None:
-        return written < before
-    return never_driven(row) or (row.ended is not None and row.ended < before)

@@ -203,7 +203,7 @@ class Submissions:
 
     async def evaluations(self) -> set[str]:
         """Return the evaluations that the service drives itself, or will go on with."""
-        rows = await self.rows.waiting(SubmissionState.RUNNING)
+        rows = [row for row in await self.rows.waiting() if row.state == SubmissionState.RUNNING]
         return {row.evaluation_id for row in rows if row.evaluation_id is not None}
 
     async def purge(self) -> None:

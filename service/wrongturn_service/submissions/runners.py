@@ -102,6 +102,7 @@ class Runner:
     async def end(self) -> None:
         """End the process and all of its group. Safe to call more than once."""
         assert self._process.stdin is not None
+        assert self._process.stdout is not None
         self._process.stdin.close()
         if not self._spoken:
             self._signal(signal.SIGTERM)
@@ -114,7 +115,9 @@ class Runner:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(_GRACE_S):  # a process that left the group may hold the pipes open
                 await self._drain
-                await self._finish_stdout()
+                # What nobody waits for: a pipe is closed at its end alone.
+                while await self._process.stdout.read(_LINE):
+                    pass
         self._drain.cancel()
         said = self._stderr.decode(errors="replace").strip()
         if said:
@@ -134,12 +137,6 @@ class Runner:
             return NoRoomError("all sandboxes are taken")
         how = f"was ended by signal {-status}" if status < 0 else f"ended with status {status}"
         return RunnerLostError(f"the runner {how}")
-
-    async def _finish_stdout(self) -> None:
-        """Read what nobody waits for. A pipe is closed at its end alone."""
-        assert self._process.stdout is not None
-        while await self._process.stdout.read(_LINE):
-            pass
 
     async def _keep_stderr(self) -> None:
         assert self._process.stderr is not None
