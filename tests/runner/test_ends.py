@@ -32,11 +32,16 @@ def assert_gone(processes: list[psutil.Process]) -> None:
     assert not [process for process in alive if process.is_running() and process.status() != psutil.STATUS_ZOMBIE]
 
 
-def test_it_ends_with_its_stdin(tmp_path: Path, service: LocalService) -> None:
+@pytest.mark.parametrize("told", [False, True])
+def test_it_ends_with_its_stdin_or_when_it_is_told_to(tmp_path: Path, service: LocalService, told: bool) -> None:
     with Runner(tmp_path) as runner:
         sandboxes = driving(runner, drive_of(tmp_path, steady(), service))
-        runner.close_stdin()
-        assert runner.status(QUICK_S) == 1
+        if told:
+            runner.process.terminate()
+        else:
+            runner.close_stdin()
+        assert runner.status(QUICK_S) != 0
+        assert not runner.log
         assert_gone(sandboxes)
 
 
@@ -47,15 +52,6 @@ def test_it_ends_while_it_waits_for_practice(tmp_path: Path, service: LocalServi
         sandboxes = runner.sandboxes()
         runner.close_stdin()
         assert runner.status(QUICK_S) == 1
-        assert_gone(sandboxes)
-
-
-def test_it_ends_when_it_is_told_to(tmp_path: Path, service: LocalService) -> None:
-    with Runner(tmp_path) as runner:
-        sandboxes = driving(runner, drive_of(tmp_path, steady(), service))
-        runner.process.terminate()
-        assert runner.status(QUICK_S) != 0
-        assert not runner.log
         assert_gone(sandboxes)
 
 

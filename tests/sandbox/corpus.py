@@ -10,7 +10,7 @@ from corpus_contract import CONTRACT
 from corpus_files import FILES
 from corpus_graphs import GRAPHS
 from corpus_operators import OPERATORS
-from upload_case import By, Case
+from upload_models import By, Case
 
 __all__ = ["CORPUS", "By", "Case"]
 

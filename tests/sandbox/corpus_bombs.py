@@ -3,8 +3,7 @@
 import numpy as np
 import onnx
 from onnx import numpy_helper
-from upload_case import By, Case
-from upload_models import FLOAT, INT64, TAIL, beside, ints, model, node, number
+from upload_models import FLOAT, INT64, TAIL, By, Case, beside, ints, model, node, number
 
 _MEMORY = "of memory"
 _LARGE = 1 << 36

@@ -1,8 +1,7 @@
 """Models that a sandbox runs, and that break the contract of a model: wrong names, types, shapes and values."""
 
 from onnx import helper
-from upload_case import By, Case
-from upload_models import FLOAT, INT64, SPEED, TAIL, beside, control, model, node, number
+from upload_models import FLOAT, INT64, SPEED, TAIL, By, Case, beside, control, model, node, number
 
 
 def _value(operator: str, number_: float) -> bytes:

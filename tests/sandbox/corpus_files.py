@@ -8,8 +8,7 @@ import zipfile
 from pathlib import Path
 
 from onnx import helper
-from upload_case import By, Case
-from upload_models import model, proto
+from upload_models import By, Case, model, proto
 
 MARK = Path("/tmp/wrongturn-corpus-was-run")
 """A file that a pickle of the corpus would make if anything loaded it."""

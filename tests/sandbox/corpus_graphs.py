@@ -5,8 +5,7 @@ from typing import Any
 
 import onnx
 from onnx import TensorProto, helper
-from upload_case import By, Case
-from upload_models import FLOAT, STRING, TAIL, beside, control, field, ints, model, node, number, proto
+from upload_models import FLOAT, STRING, TAIL, By, Case, beside, control, field, ints, model, node, number, proto
 
 
 def _external(location: str, *, flag: bool = True) -> onnx.TensorProto:

@@ -2,8 +2,7 @@
 
 import onnx
 from onnx import TensorProto, helper
-from upload_case import By, Case
-from upload_models import STRING, beside, control, field, ints, model, node, number
+from upload_models import STRING, By, Case, beside, control, field, ints, model, node, number
 
 _BOOL = TensorProto.BOOL
 

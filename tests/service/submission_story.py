@@ -8,7 +8,7 @@ from typing import Any
 from unittest.mock import AsyncMock, patch
 
 import httpx
-from app_harness import application, play, register
+from app_harness import application, register
 from clocked_service import ClockedService
 from fake_pool import FakePool
 from model_form import TYPE, model
@@ -29,10 +29,7 @@ _SLOTS = 32
 async def handing_in(folder: Path, token: str = "", **settings: Any) -> AsyncIterator[httpx.AsyncClient]:
     """A client with the token of the owner "ada". Nothing is checked or driven unless the test does it.
 
-    Args:
-        folder: The home.
-        token: The owner's token, if a service has been here before.
-        settings: The service's settings.
+    The token is the owner's, if a service has been here before.
     """
     again = {"registration": "operator"} if token else {}
     with patch.object(availability, "probe", lambda _: "a sandbox of the test"):
@@ -41,19 +38,16 @@ async def handing_in(folder: Path, token: str = "", **settings: Any) -> AsyncIte
             yield http
 
 
-def story(**settings: Any) -> Callable[[Callable[..., Any]], Callable[..., None]]:
+def story(**settings: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Run an async test with the client of :func:`handing_in`, as its argument ``http``."""
 
-    def decorate(test: Callable[..., Any]) -> Callable[..., None]:
+    def decorate(test: Callable[..., Any]) -> Callable[..., Any]:
         wanted = dict(inspect.signature(test).parameters)
         folder = inspect.Parameter("tmp_path", inspect.Parameter.POSITIONAL_OR_KEYWORD)
 
-        def run(tmp_path: Path, **given: Any) -> None:
-            async def told() -> None:
-                async with handing_in(tmp_path, **settings) as http:
-                    await test(http, **given, **({"tmp_path": tmp_path} if "tmp_path" in wanted else {}))
-
-            play(told)
+        async def run(tmp_path: Path, **given: Any) -> None:
+            async with handing_in(tmp_path, **settings) as http:
+                await test(http, **given, **({"tmp_path": tmp_path} if "tmp_path" in wanted else {}))
 
         run.__name__, run.__doc__, run.__module__ = test.__name__, test.__doc__, test.__module__
         more = [each for name, each in wanted.items() if name not in {"http", "tmp_path"}]

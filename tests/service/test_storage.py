@@ -63,7 +63,7 @@ def agent_row(name: str = "one") -> AgentRow:
         ("nothing+at_all://x", "no driver"),
     ],
 )
-def test_a_database_that_cannot_be_used(tmp_path: Path, database: str, message: str) -> None:
+async def test_a_database_that_cannot_be_used(tmp_path: Path, database: str, message: str) -> None:
     (tmp_path / "text.db").write_text("no database, but long enough to be taken for one\n" * 50)
     newer = sqlite3.connect(tmp_path / "newer.db")
     newer.executescript(
@@ -71,7 +71,7 @@ def test_a_database_that_cannot_be_used(tmp_path: Path, database: str, message: 
     )
     newer.close()
     with pytest.raises(StartupError, match=message):
-        asyncio.run(Database.open(database.format(folder=tmp_path)))
+        await Database.open(database.format(folder=tmp_path))
 
 
 async def test_no_folder_is_made_but_the_home(tmp_path: Path) -> None:
@@ -123,42 +123,32 @@ async def test_a_file_has_one_service_under_each_of_its_names(tmp_path: Path) ->
     await first.close()
 
 
-def test_the_promises_of_a_commit(tmp_path: Path) -> None:
-    async def story() -> list[object]:
-        database = await Database.open(url(tmp_path / "a.db"))
-        try:
-            async with database.read() as session:
-                connection = await session.connection()
-                names = ("journal_mode", "synchronous", "foreign_keys")
-                return [(await connection.exec_driver_sql(f"PRAGMA {name}")).scalar() for name in names]
-        finally:
-            await database.close()
-
+async def test_the_promises_of_a_commit(tmp_path: Path) -> None:
+    database = await Database.open(url(tmp_path / "a.db"))
+    async with database.read() as session:
+        connection = await session.connection()
+        names = ("journal_mode", "synchronous", "foreign_keys")
+        promised = [(await connection.exec_driver_sql(f"PRAGMA {name}")).scalar() for name in names]
+    await database.close()
     full = 2
-    assert asyncio.run(story()) == ["wal", full, 1]
+    assert promised == ["wal", full, 1]
 
 
 def _modes(folder: Path) -> dict[str, int]:
     return {file.name: file.stat().st_mode & 0o777 for file in folder.iterdir()}
 
 
-def test_the_file_is_for_its_owner_alone(tmp_path: Path) -> None:
+@pytest.mark.parametrize("mode", [0o600, 0o640])
+async def test_the_file_is_for_its_owner_alone_or_has_the_mode_that_it_had(tmp_path: Path, mode: int) -> None:
     before = os.umask(0o022)
     try:
-        (tmp_path / "new").mkdir()
-        (tmp_path / "old").mkdir()
-        (tmp_path / "old" / "a.db").touch(0o640)
-
-        async def modes(folder: Path) -> dict[str, int]:
-            database = await Database.open(url(folder / "a.db"))
-            async with database.write() as session:
-                session.add(agent_row())
-            found = await asyncio.to_thread(_modes, folder)
-            await database.close()
-            return found
-
-        assert asyncio.run(modes(tmp_path / "new")) == dict.fromkeys(FILES, 0o600)
-        assert asyncio.run(modes(tmp_path / "old")) == dict.fromkeys(FILES, 0o640)
+        if mode != 0o600:
+            (tmp_path / "a.db").touch(mode)
+        database = await Database.open(url(tmp_path / "a.db"))
+        async with database.write() as session:
+            session.add(agent_row())
+        assert await asyncio.to_thread(_modes, tmp_path) == dict.fromkeys(FILES, mode)
+        await database.close()
     finally:
         os.umask(before)
 

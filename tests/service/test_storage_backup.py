@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 import pytest
+import typer
 from postgres_server import programs
 from test_storage import SHA256, TRAJECTORY, episode_row, filled
 from typer.testing import CliRunner
@@ -15,6 +16,10 @@ from wrongturn_service.storage.backup import back_up
 from wrongturn_service.storage.backup import restore as put_back
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.store import Store
+
+app = typer.Typer()
+app.command()(backup)
+app.command()(restore)
 
 
 @pytest.fixture(autouse=True)
@@ -57,13 +62,9 @@ async def test_a_backup_under_load_and_back(database_url: str, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("mode", [None, 0o640])
-def test_what_is_put_back_is_its_owners_or_as_it_was(tmp_path: Path, mode: int | None) -> None:
+async def test_what_is_put_back_is_its_owners_or_as_it_was(tmp_path: Path, mode: int | None) -> None:
     first, second = tmp_path / "a.db", tmp_path / "b.db"
-
-    async def make() -> None:
-        await (await Database.open(f"sqlite+aiosqlite:///{first}")).close()
-
-    asyncio.run(make())
+    await (await Database.open(f"sqlite+aiosqlite:///{first}")).close()
     back_up(f"sqlite+aiosqlite:///{first}", tmp_path / "backup")
     if mode is not None:
         second.touch()
@@ -97,11 +98,6 @@ def test_without_client_programs_the_command_is_told(tmp_path: Path, monkeypatch
 
 
 async def test_the_commands(tmp_path: Path) -> None:
-    import typer
-
-    app = typer.Typer()
-    app.command()(backup)
-    app.command()(restore)
     url = f"sqlite+aiosqlite:///{tmp_path / 'a.db'}"
 
     async with filled(url):
@@ -118,11 +114,6 @@ async def test_the_commands(tmp_path: Path) -> None:
 
 
 async def test_a_backup_goes_through_streams(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import typer
-
-    app = typer.Typer()
-    app.command()(backup)
-    app.command()(restore)
     home = tmp_path / "home"
     monkeypatch.setenv("WRONGTURN_HOME", str(home))
     url = f"sqlite+aiosqlite:///{tmp_path / 'a.db'}"

@@ -4,7 +4,7 @@ import contextlib
 import json
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import pytest
 from model_form import TYPE, model, part
 from raw_socket import connected, http_problem, rest
 from service_harness import expect, problem
+from submission_owner import until
 from submission_story import OPERATOR, TakingService
 
 LIMIT = 32 * 1024 * 1024
@@ -56,21 +57,14 @@ def taking(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Taking]:
 def _nothing_left(taking: Taking) -> Iterator[None]:
     """Each test leaves as many files as there are submissions that wait, and no connections and requests."""
     yield
-    until(lambda: taking.at_rest, "connections or requests are left")
+    until(lambda: taking.at_rest)
 
     def known() -> set[str]:
         headers = {"Authorization": f"Bearer {OPERATOR}"}
         rows = expect(httpx.get(f"{taking.url}/v1/submissions", headers=headers, timeout=60), 200)["submissions"]
         return {f"{row['id']}.onnx" for row in rows if row["state"] not in {"failed", "cancelled"}}
 
-    until(lambda: set(taking.files) == known(), "files are left or missing")
-
-
-def until(condition: Callable[[], bool], message: str, seconds: float = 120) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, message
-        time.sleep(0.01)
+    until(lambda: set(taking.files) == known())
 
 
 def reply(raw: socket.socket) -> tuple[int, dict[str, Any]]:
@@ -111,7 +105,7 @@ def test_a_refused_body_is_not_read(taking: Taking, said: dict[str, Any], status
         assert http_problem(rest(raw))[0] == status
     with connected(taking) as raw:
         raw.sendall(taking.head(**{"length": 1 << 24, **said}))
-        until(lambda: bool(peeked(raw)), "there is no reply")
+        until(lambda: bool(peeked(raw)))
         sent = 0
         with contextlib.suppress(ConnectionError, TimeoutError):
             raw.settimeout(5)
@@ -190,7 +184,7 @@ def test_a_body_that_is_shorter_than_said(taking: Taking) -> None:
     body = named("shorter")
     with connected(taking) as raw:
         raw.sendall(taking.head(len(body) + 100) + body)
-        until(lambda: taking.connections == 1, "it is not connected")
+        until(lambda: taking.connections == 1)
         raw.shutdown(socket.SHUT_WR)
         rest(raw)
 
@@ -200,8 +194,8 @@ def test_a_client_that_leaves(taking: Taking) -> None:
     for sent in (0, 10, 300, 2 << 20, len(body) - 1):
         with connected(taking) as raw:
             raw.sendall(taking.head(len(body)) + body[:sent])
-            until(lambda: taking.connections == 1, "it is not connected")
-        until(lambda: taking.at_rest, "it is still connected")
+            until(lambda: taking.connections == 1)
+        until(lambda: taking.at_rest)
 
 
 @pytest.mark.parametrize("sent", [0, 100, (1 << 20) + 1000])
@@ -209,7 +203,7 @@ def test_a_client_that_is_too_slow(taking: Taking, sent: int) -> None:
     body = named("slow", MUCH * 2)
     with connected(taking) as raw:
         raw.sendall(taking.head(len(body)) + body[:sent])
-        until(lambda: bool([name for name in taking.files if name.endswith(".part")]), "the upload has not begun")
+        until(lambda: bool([name for name in taking.files if name.endswith(".part")]))
         deadline = time.monotonic() + 60
         while not peeked(raw):
             assert time.monotonic() < deadline
@@ -224,7 +218,7 @@ def test_a_client_that_is_slow_enough(taking: Taking) -> None:
     body = named("slow enough", MUCH)
     with connected(taking) as raw:
         raw.sendall(taking.head(len(body)))
-        until(lambda: bool([name for name in taking.files if name.endswith(".part")]), "the upload has not begun")
+        until(lambda: bool([name for name in taking.files if name.endswith(".part")]))
         for at in range(0, len(body), 70_000):
             raw.sendall(body[at : at + 70_000])
             time.sleep(0.05)
@@ -241,14 +235,14 @@ def test_so_many_uploads_of_an_owner_at_a_time(taking: Taking) -> None:
         raws = [stack.enter_context(connected(taking)) for _ in range(most)]
         for raw in raws:
             raw.sendall(taking.head(1 << 20, token) + begin)
-        until(lambda: len([name for name in taking.files if name.endswith(".part")]) == most, "they have not begun")
+        until(lambda: len([name for name in taking.files if name.endswith(".part")]) == most)
         headers = {"Authorization": f"Bearer {token}", "Content-Type": TYPE}
         refused = httpx.post(f"{taking.url}/v1/submissions", content=named("more"), headers=headers, timeout=60)
         assert problem(refused, 429, "rate-limited")["position"] == 1
         body = named("others may")
         headers["Authorization"] = f"Bearer {taking.token}"
         expect(httpx.post(f"{taking.url}/v1/submissions", content=body, headers=headers, timeout=60), 202)
-    until(lambda: taking.at_rest, "they are still connected")
+    until(lambda: taking.at_rest)
     headers["Authorization"] = f"Bearer {token}"
     expect(httpx.post(f"{taking.url}/v1/submissions", content=named("after"), headers=headers, timeout=60), 202)
 
@@ -260,7 +254,7 @@ def test_a_stop_during_uploads(tmp_path: Path) -> None:
         with connected(service) as early, connected(service) as late:
             early.sendall(service.head(len(body)))
             late.sendall(service.head(len(body)) + body[: 2 << 20])
-            until(lambda: len(service.files) == 2, "the uploads have not begun")
+            until(lambda: len(service.files) == 2)
             service.signal()
             service.signal()
             service.join()
