@@ -3,11 +3,13 @@
 import numpy as np
 import onnx
 from onnx import numpy_helper
-from upload_models import FLOAT, INT64, TAIL, By, Case, beside, ints, model, node, number
+from upload_models import FLOAT, INT64, TAIL, By, Case, beside, ints, model, node, number, parsed
 
 _MEMORY = "of memory"
 _LARGE = 1 << 36
 _SLOW = "took longer than"
+_NOTHING = f"whole = Cast<to = {INT64}>(speed) nothing = Sub(whole, whole) "
+_DIVISION = _NOTHING + "b = Div(whole, nothing)"
 
 
 def _spread(operator: str, *sizes: int) -> bytes:
@@ -20,15 +22,11 @@ def _fill(*shape: int) -> bytes:
 
 def _at_a_step(operator: str, *inputs: str) -> bytes:
     """Return a model whose operator takes ``live``: 2 to the power of 36 at a step, and unknown when it is loaded."""
-    nodes = [
-        node("Abs", ["speed"], ["still"]),
-        node("ReduceMax", ["still"], ["speed0"], keepdims=0),
-        node("Min", ["speed0", "zero"], ["nothing"]),
-        node("Add", ["nothing", "size"], ["size0"]),
-        node("Cast", ["size0"], ["live"], to=INT64),
-        node("Reshape", ["live", "minus"], ["shape"]),
-        node(operator, inputs, ["b"]),
-    ]
+    text = f"""
+        still = Abs(speed) speed0 = ReduceMax<keepdims = 0>(still) nothing = Min(speed0, zero)
+        size0 = Add(nothing, size) live = Cast<to = {INT64}>(size0) shape = Reshape(live, minus)
+        b = {operator}({", ".join(inputs)})
+    """
     constants = [
         number("zero", 0),
         number("size", float(_LARGE)),
@@ -37,7 +35,7 @@ def _at_a_step(operator: str, *inputs: str) -> bytes:
         number("one", 1, np.int64),
         ints("pair", 0, 1),
     ]
-    return beside(nodes, "b", constants)
+    return beside(parsed(text), "b", constants)
 
 
 def _matrices(count: int, width: int, *, live: bool) -> bytes:
@@ -49,30 +47,29 @@ def _matrices(count: int, width: int, *, live: bool) -> bytes:
 
 
 def _outer() -> bytes:
-    column = [node("ConstantOfShape", ["tall"], ["column"]), node("ConstantOfShape", ["wide"], ["row"])]
-    nodes = [*column, node("MatMul", ["column", "row"], ["b"])]
-    return beside(nodes, "b", [ints("tall", 1 << 18, 1), ints("wide", 1, 1 << 18)])
+    text = "column = ConstantOfShape(tall) row = ConstantOfShape(wide) b = MatMul(column, row)"
+    return beside(parsed(text), "b", [ints("tall", 1 << 18, 1), ints("wide", 1, 1 << 18)])
 
 
 def _multiplying() -> bytes:
-    nodes = [node("Concat", [f"d{step}" if step else "speed"] * 250, [f"d{step + 1}"], axis=0) for step in range(8)]
-    return beside(nodes, "d8")
+    grown = [node("Concat", [f"d{step}" if step else "speed"] * 250, [f"d{step + 1}"], axis=0) for step in range(8)]
+    return beside(grown, "d8")
 
 
 def _conv() -> bytes:
     constants = [ints("shape", 1, 1, 30_000, 30_000), numpy_helper.from_array(np.ones((64, 1, 3, 3), np.float32), "w")]
-    return beside([node("Expand", ["speed", "shape"], ["x"]), node("Conv", ["x", "w"], ["b"])], "b", constants)
+    return beside(parsed("x = Expand(speed, shape) b = Conv(x, w)"), "b", constants)
 
 
 def _resize() -> bytes:
     constants = [ints("shape", 1, 1, 1, 1), numpy_helper.from_array(np.array([1, 1, 1e6, 1e6], np.float32), "scales")]
-    nodes = [node("Reshape", ["speed", "shape"], ["x"]), node("Resize", ["x", "", "scales"], ["b"], mode="linear")]
-    return beside(nodes, "b", constants)
+    made = [node("Reshape", ["speed", "shape"], ["x"]), node("Resize", ["x", "", "scales"], ["b"], mode="linear")]
+    return beside(made, "b", constants)
 
 
 def _wide_outputs() -> bytes:
-    nodes = [TAIL[0], node("Expand", ["steer", "shape"], ["accelerate"])]
-    return model(nodes, [ints("shape", 4_000_000, 1)], outputs=[_free("steer"), _free("accelerate")])
+    made = [TAIL[0], *parsed("accelerate = Expand(steer, shape)")]
+    return model(made, [ints("shape", 4_000_000, 1)], outputs=[_free("steer"), _free("accelerate")])
 
 
 def _free(name: str) -> onnx.ValueInfoProto:
@@ -81,24 +78,8 @@ def _free(name: str) -> onnx.ValueInfoProto:
 
 def _crash() -> bytes:
     """Return a model that divides the least integer by -1, which the processor answers by SIGFPE."""
-    nodes = [
-        node("Cast", ["speed"], ["whole"], to=INT64),
-        node("Sub", ["whole", "whole"], ["nothing"]),
-        node("Add", ["nothing", "least"], ["low"]),
-        node("Div", ["low", "minus"], ["b"]),
-    ]
-    return beside(nodes, "b", [ints("least", -(1 << 63)), ints("minus", -1)])
-
-
-def _divide_by_nothing() -> bytes:
-    return beside(
-        [
-            node("Cast", ["speed"], ["whole"], to=INT64),
-            node("Sub", ["whole", "whole"], ["nothing"]),
-            node("Div", ["whole", "nothing"], ["b"]),
-        ],
-        "b",
-    )
+    text = "low = Add(nothing, least) b = Div(low, minus)"
+    return beside(parsed(_NOTHING + text), "b", [ints("least", -(1 << 63)), ints("minus", -1)])
 
 
 BOMBS = (
@@ -119,6 +100,6 @@ BOMBS = (
     Case("time-at-a-step", lambda: _matrices(400, 4000, live=True), _SLOW, By.STEP),
     Case("outputs-large", _wide_outputs, "bytes; at most", By.STEP),
     Case("crash", _crash, "crashes", By.STEP),
-    Case("division-by-nothing", _divide_by_nothing, "division by zero", By.STEP),
+    Case("division-by-nothing", lambda: beside(parsed(_DIVISION), "b"), "division by zero", By.STEP),
 )
 """Bombs."""

@@ -1,10 +1,8 @@
 """Models with operators that are not allowed, or whose attributes are hostile."""
 
-import onnx
-from onnx import TensorProto, helper
+import onnx.parser
+from onnx import helper
 from upload_models import STRING, By, Case, beside, control, field, ints, model, node, number
-
-_BOOL = TensorProto.BOOL
 
 
 def _branch(name: str, depth: int = 0) -> onnx.GraphProto:
@@ -30,32 +28,22 @@ def _nested() -> bytes:
 
 
 def _loop() -> bytes:
-    body = helper.make_graph(
-        [node("Identity", ["go"], ["go_on"]), node("Add", ["sum", "sum"], ["more"])],
-        "body",
-        [
-            helper.make_tensor_value_info("step", TensorProto.INT64, []),
-            helper.make_tensor_value_info("go", _BOOL, []),
-            control("sum"),
-        ],
-        [helper.make_tensor_value_info("go_on", _BOOL, []), control("more")],
-    )
+    body = onnx.parser.parse_graph("""
+        body (int64 step, bool go, float[1, 1] sum) => (bool go_on, float[1, 1] more)
+        { go_on = Identity(go) more = Add(sum, sum) }
+    """)
     return beside([node("Loop", ["", "yes", "speed"], ["b"], body=body)], "b", [number("yes", True, bool)])
 
 
 def _scan() -> bytes:
-    body = helper.make_graph([node("Relu", ["x"], ["y"])], "body", [control("x", [1])], [control("y", [1])])
+    body = onnx.parser.parse_graph("body (float[1] x) => (float[1] y) { y = Relu(x) }")
     return beside([node("Scan", ["speed"], ["b"], body=body, num_scan_inputs=1)], "b")
 
 
 def _map() -> bytes:
-    body = helper.make_graph([node("Relu", ["x"], ["y"])], "body", [control("x", None)], [control("y", None)])
-    made = [
-        node("SequenceConstruct", ["speed"], ["s"]),
-        node("SequenceMap", ["s"], ["m"], body=body),
-        node("ConcatFromSequence", ["m"], ["b"], axis=0),
-    ]
-    return beside(made[1:], "b", [number("s", 0)])
+    body = onnx.parser.parse_graph("body (float x) => (float y) { y = Relu(x) }")
+    made = [node("SequenceMap", ["s"], ["m"], body=body), node("ConcatFromSequence", ["m"], ["b"], axis=0)]
+    return beside(made, "b", [number("s", 0)])
 
 
 def _graph_in_disguise() -> bytes:

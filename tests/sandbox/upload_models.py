@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import onnx
+import onnx.parser
 from onnx import TensorProto, helper, numpy_helper
 
 FLOAT, INT64, UINT8, STRING = TensorProto.FLOAT, TensorProto.INT64, TensorProto.UINT8, TensorProto.STRING
@@ -60,6 +61,11 @@ def control(name: str, shape: Sequence[int] | None = (1, 1)) -> onnx.ValueInfoPr
 def node(operator: str, inputs: Sequence[str], outputs: Sequence[str], **attributes: Any) -> onnx.NodeProto:
     """Return a node; its name is its first output's."""
     return helper.make_node(operator, inputs, outputs, name=f"make_{outputs[0]}", **attributes)
+
+
+def parsed(text: str) -> list[onnx.NodeProto]:
+    """Return nodes without names of their textual form: ``b = Abs(speed)``."""
+    return list(onnx.parser.parse_graph(f"graph () => () {{{text}}}").node)
 
 
 def ints(name: str, *values: int) -> onnx.TensorProto:
