@@ -4,7 +4,6 @@ import os
 import signal
 import socket
 import sqlite3
-import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +12,7 @@ import httpx
 import pytest
 import typer
 from drive_socket import DriveSocket
+from guest_processes import gone, wait_until
 from service_harness import COAST, GAS, Agent, RunningService, expect, figure, problem
 from typer.testing import CliRunner
 
@@ -109,7 +109,7 @@ def test_a_service_that_is_killed_with_episodes_open(own) -> None:
         expect(agent.step(opened, 1), 200)
         simulators = service.simulators()
         service.kill()
-        _await(lambda: not any(_alive(pid) for pid in simulators), "simulators outlive their service")
+        wait_until(lambda: all(map(gone, simulators)))  # none outlives its service
 
         again = own()
         with Agent(again.url, {"id": agent.id, "name": agent.name, "token": agent.token}) as back:
@@ -139,7 +139,7 @@ def test_a_service_that_is_killed_with_episodes_open(own) -> None:
             # A clean stop says nothing and leaves no process, though an episode is open.
             assert simulators
             assert again.stop() == 0
-        assert not any(_alive(pid) for pid in simulators)
+        assert all(map(gone, simulators))
         assert "Traceback" not in again.stderr
 
 
@@ -201,17 +201,3 @@ def test_a_database_that_stops_taking_writes(frail: RunningService) -> None:
         assert last["terminated"] or last["truncated"]
         assert expect(agent.http.get(f"/v1/evaluations/{evaluation}"), 200)["finished"] == 1
         expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)
-
-
-def _alive(pid: int) -> bool:
-    try:
-        return "State:\tZ" not in Path(f"/proc/{pid}/status").read_text()
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-
-
-def _await(condition, message: str) -> None:
-    deadline = time.monotonic() + 120
-    while not condition():
-        assert time.monotonic() < deadline, message
-        time.sleep(0.05)
