@@ -22,12 +22,12 @@ from wrongturn_service.api.middleware import Middleware
 from wrongturn_service.errors import StartupError
 from wrongturn_service.service import run_service
 from wrongturn_service.settings import Settings
-from wrongturn_service.simulators.interface import SimulatorPool
+from wrongturn_service.simulators.local_pool import LocalPool
 from wrongturn_service.socket import session
 from wrongturn_service.submissions.runners import COMMAND
 from wrongturn_service.telemetry import Telemetry
 from wrongturn_service.web import agents as agent_pages
-from wrongturn_service.web import compare, front, rest, static_files
+from wrongturn_service.web import compare, front, page, rest
 from wrongturn_service.web import episodes as episode_pages
 from wrongturn_service.web import places as place_pages
 
@@ -38,7 +38,7 @@ Errors are `application/problem+json`; their types are explained at `/problems/{
 """
 
 
-def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner: Sequence[str] = COMMAND) -> FastAPI:
+def create_app(settings: Settings, *, pool: LocalPool | None = None, runner: Sequence[str] = COMMAND) -> FastAPI:
     """Create the application. Its lifespan starts and stops the service.
 
     If the start fails, ``app.state.startup_error`` says why. ``runner`` is the program that checks and drives
@@ -77,7 +77,7 @@ def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner:
         *(episodes.router, health.router, metrics.router, places.suites_router, places.towns_router),
         *(accounts.agents_router, accounts.owners_router, evaluations.router, submissions.router, session.router),
         *(leaderboards.router, admin.router, errors.router, front.router, agent_pages.router, compare.router),
-        *(episode_pages.router, rest.router, place_pages.router, static_files.router),
+        *(episode_pages.router, rest.router, place_pages.router, page.router),
     ):
         app.routes.extend(router.routes)
     # As one of FastAPI's routes, whose name the log and the figures have.

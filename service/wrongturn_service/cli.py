@@ -8,7 +8,6 @@ import sys
 import threading
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
@@ -149,15 +148,15 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
         yield "database", False, str(error), remedy
     else:
         yield "database", True, found, ""
-    from wrongturn_service.simulators.check import TooLittleMemoryError  # noqa: PLC0415
+    from wrongturn_service.simulators import check  # noqa: PLC0415
     from wrongturn_service.simulators.interface import SimulatorStartError  # noqa: PLC0415
 
     try:
-        yield "simulators", True, _simulator(settings), ""
+        yield "simulators", True, check.examine(settings), ""
     except SimulatorStartError as error:
         remedy = "see the checks of libsumo and the kernels; if the machine was only slow, run this again"
         yield "simulators", False, str(error), remedy
-    except TooLittleMemoryError as error:
+    except check.TooLittleMemoryError as error:
         yield "simulators", False, str(error), "lower WRONGTURN_SIMULATORS or add memory"
     from wrongturn_sandbox import SandboxUnavailableError, probe  # noqa: PLC0415
     from wrongturn_service.submissions.availability import TURNED_OFF  # noqa: PLC0415
@@ -170,26 +169,6 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
     except SandboxUnavailableError as error:
         remedy = "without a sandbox the service refuses submissions; WRONGTURN_SUBMISSIONS=0 turns them off"
         yield "submissions", False, str(error), remedy
-
-
-def _simulator(settings: "Settings") -> str:
-    """Check a simulator that finds its kernels compiled. Compiling takes several times the memory."""
-    from wrongturn_judge.home import set_cache  # noqa: PLC0415
-    from wrongturn_service.simulators.check import TooLittleMemoryError, examine  # noqa: PLC0415
-
-    cache = set_cache()
-
-    def compiled() -> set[tuple[Path, int]]:
-        return {(file, file.stat().st_mtime_ns) for file in cache.rglob("*") if file.is_file()}
-
-    before = compiled()
-    try:
-        found = examine(settings)
-    except TooLittleMemoryError:
-        if compiled() == before:
-            raise
-        return examine(settings)
-    return found if compiled() == before else examine(settings)
 
 
 def missing_packages() -> list[str]:

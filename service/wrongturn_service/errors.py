@@ -1,20 +1,4 @@
-"""Errors of the service.
-
-::
-
-    StartupError                  the service cannot start
-    ServiceError                  a call is refused with a problem (RFC 9457) of the closed list
-    ├── InvalidRequestError       422 validation, with the fields' paths
-    ├── UnauthenticatedError      401, with ``WWW-Authenticate``
-    ├── ForbiddenError            403
-    ├── NotFoundError             404, the type names what is unknown
-    ├── ConflictError             409
-    ├── GoneError                 410 episode-lost
-    ├── QuotaReachedError         507, the owner or its address has as much as it may have
-    └── UnavailableError          429 or 503, with ``Retry-After``
-
-:mod:`wrongturn_service.api.errors` turns each into ``application/problem+json``.
-"""
+"""Errors of the service; :mod:`wrongturn_service.api.errors` turns each into ``application/problem+json``."""
 
 from collections.abc import Mapping, Sequence
 
@@ -132,6 +116,11 @@ class UnavailableError(ServiceError):
         self, kind: ProblemType, detail: str, *, retry_after_s: int = 1, status: int = 503, position: int | None = None
     ) -> None:
         super().__init__(kind, detail, status=status, headers={"Retry-After": str(retry_after_s)}, position=position)
+
+
+def too_many(detail: str, *, retry_after_s: int = 5) -> UnavailableError:
+    """Return the error for a caller that has as many at a time as it may have."""
+    return UnavailableError(ProblemType.RATE_LIMITED, detail, retry_after_s=retry_after_s, status=429, position=1)
 
 
 def title(kind: ProblemType) -> str:

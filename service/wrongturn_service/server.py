@@ -110,10 +110,9 @@ def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
     """Return uvicorn's configuration."""
     limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     guard = Guard(
-        settings.max_connections,
-        for_connections(limit, settings.simulators),
+        min(settings.max_connections, for_connections(limit, settings.simulators)),
         settings.slow_client_s,
-        app.state.telemetry.closed,
+        lambda reason: app.state.telemetry.closed.labels(reason).inc(),
     )
     return uvicorn.Config(
         app,
@@ -137,7 +136,7 @@ def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
 
 
 def for_connections(limit: int, simulators: int) -> int:
-    """Return how many of the process's file descriptors may be in use when the service takes another connection.
+    """Return for how many connections the process's file descriptors are enough.
 
     Without any left, the database and the simulators could open nothing. So the last ones, at most half, are for them.
     """

@@ -27,7 +27,7 @@ from wrongturn_service.idempotency import Idempotency
 from wrongturn_service.registration import Registrations
 from wrongturn_service.replays import Replays
 from wrongturn_service.settings import Settings
-from wrongturn_service.simulators.interface import SimulatorPool, SimulatorStartError
+from wrongturn_service.simulators.interface import SimulatorStartError
 from wrongturn_service.simulators.local_pool import LocalPool
 from wrongturn_service.socket.limits import ConnectionLimits
 from wrongturn_service.storage.administration import AdministrationStore
@@ -68,7 +68,7 @@ class Service:
     """
 
     def __init__(
-        self, settings: Settings, telemetry: Telemetry, database: Database, pool: SimulatorPool, runner: Sequence[str]
+        self, settings: Settings, telemetry: Telemetry, database: Database, pool: LocalPool, runner: Sequence[str]
     ) -> None:
         self.settings = settings
         self.telemetry = telemetry
@@ -181,7 +181,7 @@ class Service:
         """Take over what the database and the home hold. Raises StartupError."""
         lost = await self.store.lose_open_episodes()
         if lost:
-            self.telemetry.voided("service-ended", lost)
+            self.telemetry.voided.labels("service-ended").inc(lost)
             _log.warning("episodes lost", count=lost, reason="they were open when the service ended last")
         await self.evaluations.resume()
         await self.registrations.prepare()
@@ -248,7 +248,7 @@ class Service:
 
 @contextlib.asynccontextmanager
 async def run_service(
-    settings: Settings, telemetry: Telemetry, pool: SimulatorPool | None = None, runner: Sequence[str] = COMMAND
+    settings: Settings, telemetry: Telemetry, pool: LocalPool | None = None, runner: Sequence[str] = COMMAND
 ) -> AsyncIterator[Service]:
     """Run a service until the block ends.
 
@@ -288,7 +288,7 @@ def _limits(settings: Settings) -> Limits:
     return Limits(settings.max_parallel, agent, owner, address)
 
 
-def _local_pool(settings: Settings, telemetry: Telemetry) -> SimulatorPool:
+def _local_pool(settings: Settings, telemetry: Telemetry) -> LocalPool:
     return LocalPool(
         settings.simulators,
         spare=settings.spare_simulators,

@@ -17,7 +17,6 @@ _CHECK_BUCKETS = (0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 30.0, 60.0, 300.0)
 
 CLOSED: Final = (
     "head-too-large",
-    "no-descriptors",
     "pipelined",
     "slow-message",
     "slow-reader",
@@ -53,23 +52,23 @@ class Telemetry:
         simulation = timed("simulation_seconds", "Time that a simulator took to answer, by kind of call", "call")
         overhead = timed("overhead_seconds", "Time to answer a reset or step, less the simulator's time", "call")
         self._by_call = {call: (simulation.labels(call), overhead.labels(call)) for call in get_args(Call)}
-        self._database = timed("database_seconds", "Time of a transaction, by operation", "operation")
-        self._storage_errors = counted(
+        self.database = timed("database_seconds", "Time of a transaction, by operation", "operation")
+        self.storage_errors = counted(
             "storage_errors", "Transactions that failed, by kind", "kind", values=[kind.value for kind in FailureKind]
         )
         self.steps = counted("steps", "Decisions that were simulated")
-        self._ended = counted("episodes_ended", "Episodes with a verdict", "scored", "verdict")
-        self._voided = counted(
+        self.ended = counted("episodes_ended", "Episodes with a verdict", "scored", "verdict")
+        self.voided = counted(
             "episodes_voided",
             "Episodes that ended without a verdict that counts, by reason",
             "reason",
             values=get_args(Voided),
         )
-        self._closed = counted("connections_closed", "Connections that the service closed", "reason", values=CLOSED)
+        self.closed = counted("connections_closed", "Connections that the service closed", "reason", values=CLOSED)
         self._submissions = self.gauge("wrongturn_submissions", "Submissions that wait or run, by state", "state")
-        self._submissions_over = counted("submissions_ended", "Submissions that are over, by state", "state")
+        self.submissions_over = counted("submissions_ended", "Submissions that are over, by state", "state")
         for state in SubmissionState:
-            (self._submissions_over if state.over else self._submissions).labels(state.value)
+            (self.submissions_over if state.over else self._submissions).labels(state.value)
         self.checks = timed(
             "submission_check_seconds", "Time to check a model, from the start of its runner", buckets=_CHECK_BUCKETS
         )
@@ -112,35 +111,11 @@ class Telemetry:
         self.steps.inc()
         self._requests.labels("WS", route, "200").observe(seconds)
 
-    def ended(self, *, scored: bool, verdict: str) -> None:
-        """Count an episode whose verdict is stored."""
-        self._ended.labels(str(scored).lower(), verdict).inc()
-
-    def voided(self, reason: Voided, count: int = 1) -> None:
-        """Count episodes that ended without a verdict that counts."""
-        self._voided.labels(reason).inc(count)
-
     def submissions(self, counts: Mapping[SubmissionState, int]) -> None:
         """Show how many submissions wait or run. States that are left out have none."""
         for state in SubmissionState:
             if not state.over:
                 self._submissions.labels(state.value).set(counts.get(state, 0))
-
-    def submission_over(self, state: SubmissionState) -> None:
-        """Count a submission that is over."""
-        self._submissions_over.labels(state.value).inc()
-
-    def closed(self, reason: str) -> None:
-        """Count a connection that the service closed because of its client."""
-        self._closed.labels(reason).inc()
-
-    def transacted(self, operation: str, seconds: float) -> None:
-        """Note how long a transaction of the database took."""
-        self._database.labels(operation).observe(seconds)
-
-    def storage_failed(self, kind: str) -> None:
-        """Count a transaction of the database that failed."""
-        self._storage_errors.labels(kind).inc()
 
     def render(self) -> bytes:
         """Return all metrics in Prometheus' text format."""

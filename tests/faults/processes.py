@@ -103,7 +103,7 @@ class Service(Kept):
         self._http = httpx.Client(timeout=5.0)
         self._replays: dict[int, float] = {}
         self._counting = threading.Thread(target=self._count, daemon=True)
-        command = [sys.executable, "-m", "wrongturn_service", "--port", str(port), "--database", database]
+        command = [sys.executable, "-m", "wrongturn_client", "serve", "--port", str(port), "--database", database]
         super().__init__(command, log, {f"WRONGTURN_{name.upper()}": str(value) for name, value in settings.items()})
 
     def await_ready(self, timeout_s: float = 240.0) -> None:

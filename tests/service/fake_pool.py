@@ -15,16 +15,16 @@ from wrongturn_service.simulators.interface import (
     Action,
     EpisodeEnd,
     EpisodeRefusedError,
-    Simulator,
     SimulatorDiedError,
-    SimulatorPool,
     SimulatorsBusyError,
     SimulatorStartError,
     StepResult,
 )
+from wrongturn_service.simulators.local_pool import LocalPool
+from wrongturn_service.simulators.local_simulator import LocalSimulator
 
 
-class FakeSimulator(Simulator):
+class FakeSimulator(LocalSimulator):
     """Its observed speed is the number of actions, and after ten of them it is over: an exit, or a journey's end."""
 
     def __init__(self, pool: "FakePool") -> None:
@@ -110,12 +110,13 @@ class FakeSimulator(Simulator):
         )
 
 
-class FakePool(SimulatorPool):
+class FakePool(LocalPool):
     """Fails as often as it is told to."""
 
     def __init__(self, slots: int = 4) -> None:
         self.slots = slots
-        self.taken: set[Simulator] = set()
+        self.failure = None
+        self.taken: set[LocalSimulator] = set()
         self.most = 0
         self.replays = 0
         self.steps = 10
@@ -141,7 +142,7 @@ class FakePool(SimulatorPool):
         pass
 
     @override
-    async def acquire(self, town: str, agent: str) -> Simulator:
+    async def acquire(self, town: str, agent: str) -> LocalSimulator:
         if len(self.taken) >= self.slots:
             raise SimulatorsBusyError(f"all {self.slots} simulators are busy")
         self.starts += 1
@@ -154,7 +155,7 @@ class FakePool(SimulatorPool):
         return simulator
 
     @override
-    async def release(self, simulator: Simulator) -> None:
+    async def release(self, simulator: LocalSimulator) -> None:
         self.taken.discard(simulator)
 
     @property
@@ -166,3 +167,12 @@ class FakePool(SimulatorPool):
     @override
     def busy(self) -> int:
         return len(self.taken)
+
+    @property
+    @override
+    def idle(self) -> int:
+        return 0
+
+    @override
+    def memory(self) -> int:
+        return 0

@@ -63,7 +63,7 @@ class RunningService(Service):
         environment |= {f"WRONGTURN_{name.upper()}": str(value) for name, value in settings.items()}
         url = f"sqlite+aiosqlite:///{database}"
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "wrongturn_service", "--port", "0", "--database", url, *options],
+            [sys.executable, "-m", "wrongturn_client", "serve", "--port", "0", "--database", url, *options],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

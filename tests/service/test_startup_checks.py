@@ -120,6 +120,7 @@ def test_a_simulators_memory_is_told_without_the_compilers(
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("WRONGTURN_SIMULATORS", "1")
     monkeypatch.setattr(check, "COMMAND", (sys.executable, "-c", COMPILING))
+    monkeypatch.setattr(check, "_COMPILED_S", 0.0)
     monkeypatch.setattr(check.Machine, "available_memory", lambda _: free)
     for _ in range(2):
         name, ok, detail, _remedy = list(cli.checks())[2]

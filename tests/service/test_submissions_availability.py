@@ -142,7 +142,7 @@ async def test_a_look_that_hangs_is_given_up_and_no_other_begins_beside_it(monke
 
 
 def check_of_submissions() -> tuple[str, bool, str, str]:
-    with patch("wrongturn_service.cli._simulator", return_value="one is enough"):
+    with patch("wrongturn_service.simulators.check.examine", return_value="one is enough"):
         (found,) = [check for check in checks() if check[0] == "submissions"]
     return found
 

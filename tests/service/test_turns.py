@@ -17,7 +17,7 @@ class Clients:
     def __init__(self) -> None:
         self.begun: list[tuple[str, int]] = []
         self._turn = 0
-        self._guard = Guard(most=100, descriptors=1000, patience_s=30.0, closed=lambda reason: None)
+        self._guard = Guard(most=100, patience_s=30.0, closed=lambda reason: None)
         self._config = Config(self._answer, interface="asgi3", log_config=None)
         asyncio.get_running_loop().call_soon(self._count)
 

@@ -4,7 +4,8 @@ Declare them in the order in which they are to be checked: FastAPI resolves them
 :class:`~wrongturn_service.api.documents.Route` reads the OpenAPI document's entries from the same declarations.
 """
 
-from collections.abc import Awaitable, Callable, Iterator
+import hashlib
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import AbstractAsyncContextManager
 from functools import lru_cache
 from typing import Annotated, Final, Generic, TypeVar
@@ -83,7 +84,18 @@ class Body(Generic[M]):
 class RequestKey:
     """The request's ``Idempotency-Key``, or its absence."""
 
-    def __init__(self, request: Request, value: str | None) -> None:
+    def __init__(
+        self,
+        request: Request,
+        value: Annotated[
+            str | None,
+            WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 255, "pattern": "^[ -~]+$"}),
+            Header(
+                alias=HEADER,
+                description="A random UUID. A repeat gets the stored reply, with a new token if it had one",
+            ),
+        ] = None,
+    ) -> None:
         self.value = value
         self._service: Service = request.app.state.service
         self._call = f"{request.method} {request.url.path}"
@@ -92,20 +104,6 @@ class RequestKey:
         """Run a block once for each key of a scope, usually the caller's id; see :meth:`Idempotency.once`."""
         content = b"" if body is None else body.model_dump_json().encode()
         return self._service.idempotency.once(self.value, scope, self._call, content)
-
-
-async def request_key(
-    request: Request,
-    key: Annotated[
-        str | None,
-        WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 255, "pattern": "^[ -~]+$"}),
-        Header(
-            alias=HEADER, description="A random UUID. A repeat gets the stored reply, with a new token if it had one"
-        ),
-    ] = None,
-) -> RequestKey:
-    """Return the request's key."""
-    return RequestKey(request, key)
 
 
 async def accepted(request: Request) -> Encoding:
@@ -156,7 +154,7 @@ DriverDep = Annotated[Caller, Security(Token(runners=True))]
 """The agent, or the runner of its submission. The route checks what a runner's token is good for."""
 AuthorizationDep = Annotated[str | None, Security(AnyToken())]
 EncodingDep = Annotated[Encoding, Depends(accepted)]
-KeyDep = Annotated[RequestKey, Depends(request_key)]
+KeyDep = Annotated[RequestKey, Depends()]
 
 
 async def owned_by(service: Service, caller: Caller, evaluation_id: str) -> EvaluationRow:
@@ -178,3 +176,19 @@ async def driven_by(service: Service, caller: Caller, evaluation_id: str) -> Eva
 def reply(message: BaseModel, status: int = 200) -> Response:
     """Return a response with a message as JSON."""
     return Response(message.model_dump_json(), status, media_type=Encoding.JSON)
+
+
+def tagged(
+    request: Request, body: bytes, media_type: str, headers: Mapping[str, str], *, status: int = 200, tag: str = ""
+) -> Response:
+    """Return the reply with a body; 304, with the same headers, if the status is 200 and the caller has it already.
+
+    ``tag`` is the body's ETag, if it is known already.
+    """
+    tag = tag or f'"{hashlib.sha256(body).hexdigest()[:32]}"'
+    named = {**headers, "ETag": tag}
+    # If-None-Match names tags alone, in a list, as weak ones, or by ``*``.
+    there = {part.strip().removeprefix("W/") for part in request.headers.get("if-none-match", "").split(",")}
+    if status == 200 and not there.isdisjoint({tag, "*"}):
+        return Response(status_code=304, headers=named)
+    return Response(body, status, named, media_type)

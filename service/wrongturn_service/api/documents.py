@@ -24,7 +24,7 @@ from wrongturn_protocol import (
     Track,
 )
 from wrongturn_protocol.observations import json_schema
-from wrongturn_service.api.dependencies import Body, ServiceDep, Token, accepted, request_key
+from wrongturn_service.api.dependencies import Body, RequestKey, ServiceDep, Token, accepted
 from wrongturn_service.api.examples import add_examples
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.service import Service
@@ -102,7 +102,7 @@ class Route(APIRoute):
                     self._add_body(body)
                 case Token():
                     self._add_problems(401, 403)
-                case call if call is request_key:
+                case call if call is RequestKey:
                     self._add_problems(422)
                 case call if call is accepted:
                     self._add_problems(406)

@@ -1,6 +1,5 @@
 """Episodes: practice, steps, and finished episodes."""
 
-from functools import partial
 from typing import Annotated, Final
 
 import msgpack
@@ -20,7 +19,7 @@ from wrongturn_protocol import (
     Trial,
 )
 from wrongturn_protocol.pixmap import PIXMAP
-from wrongturn_service import catalogue, unchanged
+from wrongturn_service import catalogue
 from wrongturn_service.api.body import parsed
 from wrongturn_service.api.dependencies import (
     AuthorizationDep,
@@ -31,11 +30,12 @@ from wrongturn_service.api.dependencies import (
     KeyDep,
     ServiceDep,
     accepted,
+    tagged,
 )
 from wrongturn_service.api.documents import WITHOUT_TOKEN_TOO, Route, described
 from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.episodes.refusals import check_view, unknown_episode
+from wrongturn_service.episodes.open_episode import check_view, unknown_episode
 from wrongturn_service.errors import ConflictError, GoneError
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EpisodeRow
@@ -82,8 +82,7 @@ async def practise(
     async with key.once(caller.holder, wanted) as once:
         caller.check_track(wanted)
         trial = await catalogue.practice_trial(wanted)
-        remember = partial(once.row, status=201, media=encoding)
-        body = await service.resets.practise(caller, address_of(request), trial, encoding, remember, once.key)
+        body = await service.resets.practise(caller, address_of(request), trial, encoding, once)
     return Response(body, 201, media_type=encoding)
 
 
@@ -108,7 +107,7 @@ async def trajectory(request: Request, service: ServiceDep, authorization: Autho
     if found is None:
         raise _not_shown(episode)
     body, sha256 = found
-    return unchanged.reply(request, body, Encoding.JSON, {}, tag=f'"{sha256}"')
+    return tagged(request, body, Encoding.JSON, {}, tag=f'"{sha256}"')
 
 
 @router.get(
@@ -125,7 +124,7 @@ async def camera(
     """
     await _shown(service, authorization, episode)
     body = await service.replays.sheet(episode, sheet)
-    return unchanged.reply(request, body, "image/webp", _for_good(authorization))
+    return tagged(request, body, "image/webp", _for_good(authorization))
 
 
 @router.get("/{episode}/view", **described(None, 404, 409, 410, 429, media=PIXMAP))
@@ -154,7 +153,7 @@ async def picture(request: Request, service: ServiceDep, authorization: Authoriz
     row = await _shown(service, authorization, episode)
     outcome = Outcome.model_validate_json(row.outcome) if row.outcome is not None else None
     body = await service.replays.picture(episode, outcome)
-    return unchanged.reply(request, body, "image/png", _for_good(authorization))
+    return tagged(request, body, "image/png", _for_good(authorization))
 
 
 @router.delete("/{episode}", **described(None, 404, 409, 410, 429, status=204))

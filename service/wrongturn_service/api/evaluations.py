@@ -1,6 +1,5 @@
 """Evaluations: one agent on one suite, trial by trial."""
 
-from functools import partial
 from typing import Annotated, Final
 
 from fastapi import APIRouter, Depends, Request, Response
@@ -125,8 +124,7 @@ async def reset(
     with service.resets.in_progress.one(evaluation):
         row = await driven_by(service, caller, evaluation)  # before a stored reply, whose evaluation may be deleted
         async with key.once(caller.holder) as once:
-            remember = partial(once.row, status=201, media=encoding)
-            body = await service.resets.next(caller, address_of(request), row, encoding, remember, once.key)
+            body = await service.resets.next(caller, address_of(request), row, encoding, once)
     return Response(body, 201, media_type=encoding)
 
 

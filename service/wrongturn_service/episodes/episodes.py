@@ -20,10 +20,16 @@ from wrongturn_protocol import EpisodeState, EvaluationState, StepRequest, Track
 from wrongturn_service import logs
 from wrongturn_service.accounts import Caller
 from wrongturn_service.encoding import Encoding, Reply, step_reply
-from wrongturn_service.episodes import refusals
 from wrongturn_service.episodes.driver import EpisodeDriver, ReplayFailedError, aborted_end
 from wrongturn_service.episodes.evaluations import RunningEvaluations, cancelled, finished
-from wrongturn_service.episodes.open_episode import OpenEpisode, Registry
+from wrongturn_service.episodes.open_episode import (
+    OpenEpisode,
+    Registry,
+    check_same,
+    check_view,
+    episode_finished,
+    unknown_episode,
+)
 from wrongturn_service.errors import ConflictError, GoneError, UnavailableError
 from wrongturn_service.simulators.interface import ACTION, Action, StepResult, rounded
 from wrongturn_service.storage.models import EpisodeRow
@@ -108,20 +114,20 @@ class Episodes:
         Raises:
             UnavailableError, SimulatorsBusyError, SimulatorStartError: The step was not taken; send it again.
             GoneError: The infrastructure failed and the episode is lost.
-            NotFoundError, ForbiddenError, ConflictError: The call breaks a rule of :mod:`refusals`.
+            NotFoundError, ForbiddenError, ConflictError: The call breaks a rule of :mod:`open_episode`.
         """
         asked = request.action
         action = rounded(asked.steer, asked.throttle, asked.brake)
         episode = self.registry.get(episode_id)
         if episode is None:
             return await self._stored_step(caller, episode_id, request.seq, action, encoding)
-        refusals.check_holder(caller.holder, episode)  # before the lock, which a stranger must not take
+        episode.check_holder(caller.holder)  # before the lock, which a stranger must not take
         bind_contextvars(episode=episode_id, evaluation=episode.evaluation)
         async with episode.lock:
             episode.heard = self.clock()
             if episode.closed:
                 return await self._stored_step(caller, episode_id, request.seq, action, encoding)
-            if refusals.check_step(episode, request.seq):
+            if episode.check_step(request.seq):
                 if not episode.counts:
                     # Noted before the step. False if the evaluation was closed before that.
                     episode.counts = await self._store.drive_evaluation(str(episode.evaluation))
@@ -129,7 +135,7 @@ class Episodes:
                     return await self._stored_step(caller, episode_id, request.seq, action, encoding)
                 await self._take(episode, action, encoding)
             else:
-                refusals.check_same(episode_id, request.seq, action, episode.last_action)
+                check_same(episode_id, request.seq, action, episode.last_action)
             if episode.end is not None:
                 await self._settle(episode)
             episode.heard = self.clock()
@@ -233,9 +239,9 @@ class Episodes:
             raise await self._lost(row)
         if seq == row.steps and row.last_action is not None and row.last_reply is not None:
             steer, throttle, brake = ACTION.unpack(row.last_action)
-            refusals.check_same(episode_id, seq, action, (steer, throttle, brake))
+            check_same(episode_id, seq, action, (steer, throttle, brake))
             return _stored_reply(row, zlib.decompress(row.last_reply)).render(encoding)
-        raise refusals.episode_finished(episode_id)
+        raise episode_finished(episode_id)
 
     # What an episode shows
 
@@ -244,8 +250,8 @@ class Episodes:
         episode = self.registry.get(episode_id)
         if episode is None:
             return None
-        refusals.check_holder(caller.holder, episode)
-        refusals.check_view(episode_id, episode.evaluation)
+        episode.check_holder(caller.holder)
+        check_view(episode_id, episode.evaluation)
         async with episode.lock:
             episode.heard = self.clock()
             if episode.closed or episode.end is not None:
@@ -279,7 +285,7 @@ class Episodes:
         async with self._looking_up:
             row = await self._store.episode(episode_id)
         if row is None:
-            raise refusals.unknown_episode(episode_id)
+            raise unknown_episode(episode_id)
         return row
 
     async def _lost(self, row: EpisodeRow) -> GoneError | ConflictError:
@@ -301,7 +307,7 @@ class Episodes:
         """
         episode = self.registry.get(episode_id)
         if episode is not None:
-            refusals.check_holder(caller.holder, episode)
+            episode.check_holder(caller.holder)
             episode.heard = self.clock()
             async with episode.lock:
                 await self._abort(episode)
@@ -309,7 +315,7 @@ class Episodes:
         if row.state != EpisodeState.FINISHED:
             raise await self._lost(row)
         if row.verdict != Verdict.ABORTED:
-            raise refusals.episode_finished(episode_id)
+            raise episode_finished(episode_id)
 
     async def abort_evaluation(self, evaluation_id: str) -> None:
         """End an evaluation's open episodes as ``aborted``, without waiting for simulators."""
@@ -323,7 +329,7 @@ class Episodes:
             if episode.evaluation in evaluations or episode.holder in holders:
                 async with episode.lock:
                     if not episode.closed:
-                        self._telemetry.voided("cancelled")
+                        self._telemetry.voided.labels("cancelled").inc()
                     await self._close(episode)
 
     async def lose(self, submission: str, patience_s: float = PATIENCE_S) -> None:
@@ -353,7 +359,7 @@ class Episodes:
 
     async def _void(self, episode: OpenEpisode, reason: Voided, verdict: Verdict | None = None) -> None:
         """Give an episode up. It does not count, and its trial runs again."""
-        self._telemetry.voided(reason)
+        self._telemetry.voided.labels(reason).inc()
         await self._store.lose_episode(episode.id, verdict)
         await self._close(episode)
         schedule = self._evaluations.known(episode.evaluation)
@@ -392,7 +398,7 @@ class Episodes:
         await self._close(episode)
         if episode.evaluation is None:
             if stored:
-                self._telemetry.ended(scored=False, verdict=end.outcome.verdict.value)
+                self._telemetry.ended.labels("false", end.outcome.verdict.value).inc()
             return
         # Scored verdicts are hidden, also from those who read the metrics, until the whole evaluation is finished.
         if not stored:

@@ -191,7 +191,7 @@ class RunningEvaluations:
         # The bootstrap takes long; in a thread it does not hold up other agents.
         if await self._store.finish_evaluation(evaluation_id, await asyncio.to_thread(compute)):
             for outcome in outcomes.values():
-                self._telemetry.ended(scored=True, verdict=outcome.verdict.value)
+                self._telemetry.ended.labels("true", outcome.verdict.value).inc()
         self._log.info("evaluation finished", evaluation=evaluation_id, suite=evaluation.suite)
         self._on_finished(evaluation.suite)
 

@@ -1,16 +1,14 @@
-"""An open episode in memory: enough to replay it in another simulator. And how many somebody may have open."""
+"""Open episodes in memory: enough to replay them in another simulator; the rules for their calls, and their number."""
 
 import asyncio
 from collections import Counter
 from dataclasses import dataclass, field
 
 from wrongturn_protocol import ProblemType, Track, Trial
-from wrongturn_service.counting import one_less
 from wrongturn_service.encoding import Reply
-from wrongturn_service.errors import UnavailableError
-from wrongturn_service.simulators.interface import ACTION, Action, EpisodeEnd, Simulator
-
-_COME_BACK_S = 5
+from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundError, UnavailableError, too_many
+from wrongturn_service.simulators.interface import ACTION, Action, EpisodeEnd
+from wrongturn_service.simulators.local_simulator import LocalSimulator
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +41,7 @@ class OpenEpisode:
     """Whether the evaluation is known to have had a step, so that it counts; true in practice."""
     actions: bytearray = field(default_factory=bytearray)
     """All actions so far, little-endian float32 [n, 3]."""
-    simulator: Simulator | None = None
+    simulator: LocalSimulator | None = None
     """None while it is released or dead."""
     placed: bool = False
     """Whether the episode holds a place of the queue, with or without a simulator."""
@@ -70,6 +68,29 @@ class OpenEpisode:
             return None
         steer, throttle, brake = ACTION.unpack_from(self.actions, len(self.actions) - ACTION.size)
         return steer, throttle, brake
+
+    def check_holder(self, holder: str) -> None:
+        """Raise ForbiddenError if another agent drives the episode, or the runner of a submission does."""
+        if holder != self.holder:
+            raise ForbiddenError(f"episode {self.id} belongs to another agent")
+
+    def check_step(self, seq: int) -> bool:
+        """Return True for the next step of an open episode, False for a repeat of the last one.
+
+        Raises:
+            ConflictError: The episode is over, or ``seq`` is neither the last number nor the next.
+        """
+        if seq == self.seq:
+            return False
+        if self.end is not None:
+            raise episode_finished(self.id)
+        if seq != self.seq + 1:
+            again = f", or {self.seq} with the same action to get that reply again" if self.seq else ""
+            raise ConflictError(
+                ProblemType.SEQUENCE_GAP,
+                f"episode {self.id}: seq is {seq}, but the last reply has {self.seq}; send {self.seq + 1}{again}",
+            )
+        return True
 
     def locked_now(self) -> bool:
         """Acquire the lock without waiting and return whether that worked."""
@@ -146,10 +167,9 @@ class Registry(dict[str, OpenEpisode]):
 
     def give_back(self, payer: Payer, *, practice: bool) -> None:
         """Take back a reservation, also that of an episode that was opened and is closed now."""
-        for who in _names(payer):
-            one_less(self._all, who)
-            if practice:
-                one_less(self._practice, who)
+        self._all -= Counter(_names(payer))
+        if practice:
+            self._practice -= Counter(_names(payer))
 
 
 def _names(payer: Payer) -> list[str]:
@@ -157,10 +177,34 @@ def _names(payer: Payer) -> list[str]:
 
 
 def _too_many(who: str, which: str) -> UnavailableError:
-    return UnavailableError(
-        ProblemType.RATE_LIMITED,
-        f"this {who} has {which} open, which is the limit; finish one or DELETE it",
-        retry_after_s=_COME_BACK_S,
-        status=429,
-        position=1,
-    )
+    return too_many(f"this {who} has {which} open, which is the limit; finish one or DELETE it")
+
+
+def check_view(episode_id: str, evaluation: str | None) -> None:
+    """Raise ForbiddenError if an episode is of an evaluation: the view shows more than an agent's track does."""
+    if evaluation is not None:
+        raise ForbiddenError(f"episode {episode_id} counts, and its view shows what agents may not see; view practice")
+
+
+def check_same(episode_id: str, seq: int, action: Action, last: Action | None) -> None:
+    """Raise ConflictError if a repeated step has another action than the first time."""
+    if action != last:
+        raise ConflictError(
+            ProblemType.ACTION_MISMATCH,
+            f"episode {episode_id}: step {seq} was already taken with another action and cannot be changed",
+        )
+
+
+def episode_finished(episode_id: str) -> ConflictError:
+    """Return the error for a step after the episode's end."""
+    return ConflictError(ProblemType.EPISODE_FINISHED, f"episode {episode_id} is over; ask for the next trial")
+
+
+def unknown_episode(episode_id: str) -> NotFoundError:
+    """Return the error for a call on an episode that does not exist."""
+    return NotFoundError(ProblemType.UNKNOWN_EPISODE, f"there is no episode {episode_id[:64]!r}")
+
+
+def stopping() -> UnavailableError:
+    """Return the error for a call that arrives while the service stops."""
+    return UnavailableError(ProblemType.SHUTTING_DOWN, "the service is stopping", retry_after_s=5)

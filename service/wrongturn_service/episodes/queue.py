@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 from wrongturn_protocol import ProblemType
-from wrongturn_service.errors import UnavailableError
+from wrongturn_service.errors import UnavailableError, too_many
 from wrongturn_service.simulators.interface import in_turn
 
 LONGEST_S: Final = 10
@@ -72,9 +72,7 @@ class SimulatorQueue:
     def leave(self, agent: str) -> None:
         """Give a simulator back."""
         self._taken -= 1
-        self._held[agent] -= 1
-        if not self._held[agent]:
-            del self._held[agent]
+        self._held -= Counter([agent])
 
     def _take(self, agent: str) -> None:
         self._taken += 1
@@ -83,13 +81,8 @@ class SimulatorQueue:
     def _queue(self, name: tuple[str, str]) -> None:
         mine = sum(agent == name[0] for agent, _ in self._places)
         if mine >= self._each:
-            raise UnavailableError(
-                ProblemType.RATE_LIMITED,
-                f"{mine} calls of this agent wait for a simulator, which is the limit; send those again first",
-                retry_after_s=LONGEST_S,
-                status=429,
-                position=1,
-            )
+            detail = f"{mine} calls of this agent wait for a simulator, which is the limit; send those again first"
+            raise too_many(detail, retry_after_s=LONGEST_S)
         if len(self._places) >= self._most:
             raise UnavailableError(
                 ProblemType.SIMULATORS_BUSY,

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from structlog.contextvars import bind_contextvars
@@ -14,11 +14,11 @@ from wrongturn_service.encoding import Encoding, Reply, reset_reply
 from wrongturn_service.episodes.driver import EpisodeDriver, ReplayFailedError
 from wrongturn_service.episodes.episodes import PATIENCE_S, Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations, finished, unknown
-from wrongturn_service.episodes.open_episode import OpenEpisode, Payer
-from wrongturn_service.episodes.refusals import stopping
+from wrongturn_service.episodes.open_episode import OpenEpisode, Payer, stopping
 from wrongturn_service.errors import ConflictError, ServiceError, UnavailableError
+from wrongturn_service.idempotency import IdempotentRequest
 from wrongturn_service.storage.evaluations import EvaluationOverError
-from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
+from wrongturn_service.storage.models import EpisodeRow, EvaluationRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.usage import reserve_of
 from wrongturn_service.tokens import new_id
@@ -56,10 +56,6 @@ class InProgress:
             )
 
 
-Remember = Callable[[bytes], IdempotencyRow | None]
-"""Makes the stored row of a reply's body. It makes None if the request has no idempotency key."""
-
-
 @dataclass(frozen=True, slots=True)
 class _Wanted:
     """A request for an episode."""
@@ -74,7 +70,7 @@ class _Wanted:
     trial: Trial
     encoding: Encoding
     """Encoding of the reply."""
-    remember: Remember
+    once: IdempotentRequest
     call: str
     """Name of the request. A request that is sent again keeps its place in the queue."""
 
@@ -92,18 +88,11 @@ class Resets:
         self._episodes = episodes
 
     async def next(
-        self,
-        caller: Caller,
-        address: str,
-        evaluation: EvaluationRow,
-        encoding: Encoding,
-        remember: Remember,
-        key: str | None,
+        self, caller: Caller, address: str, evaluation: EvaluationRow, encoding: Encoding, once: IdempotentRequest
     ) -> bytes:
-        """Begin an evaluation's next trial and return the reply's body.
+        """Begin an evaluation's next trial and return the reply's body, which is stored for the request's key.
 
-        ``remember`` makes the row that is stored for the request's key. A request that is sent again with its key keeps
-        its place in the queue.
+        A request that is sent again with its key keeps its place in the queue.
 
         Raises:
             ConflictError: The evaluation is finished or cancelled, or has no trial for now.
@@ -124,9 +113,9 @@ class Resets:
                 "and its twin never together; finish one or ask again later",
                 headers={"Retry-After": "1"},
             )
-        counts, call = evaluation.driven is not None, f"{evaluation.id} {key}"
+        counts, call = evaluation.driven is not None, f"{evaluation.id} {once.key}"
         try:
-            body = await self._begin(_Wanted(caller, address, evaluation.id, counts, trial, encoding, remember, call))
+            body = await self._begin(_Wanted(caller, address, evaluation.id, counts, trial, encoding, once, call))
         except EvaluationOverError as error:
             raise await self._over(evaluation.id) from error
         except BaseException:
@@ -143,7 +132,7 @@ class Resets:
         return unknown(evaluation_id) if gone else finished(evaluation_id)
 
     async def practise(
-        self, caller: Caller, address: str, trial: Trial, encoding: Encoding, remember: Remember, key: str | None
+        self, caller: Caller, address: str, trial: Trial, encoding: Encoding, once: IdempotentRequest
     ) -> bytes:
         """Begin a practice episode and return the reply's body. Arguments and errors as for :meth:`next`.
 
@@ -153,7 +142,7 @@ class Resets:
         """
         self._check_stopping()
         await self._store.check_room(caller.owner, reserve_of([trial]))
-        return await self._begin(_Wanted(caller, address, None, True, trial, encoding, remember, f"practice {key}"))
+        return await self._begin(_Wanted(caller, address, None, True, trial, encoding, once, f"practice {once.key}"))
 
     def _check_stopping(self) -> None:
         if self._episodes.stopping:
@@ -210,7 +199,7 @@ class Resets:
                 stored_bytes=reserve_of([trial]) if practice else 0,
             )
             try:
-                await self._store.add_episode(row, wanted.remember(body))
+                await self._store.add_episode(row, wanted.once.row(body, 201, encoding))
             except BaseException:
                 await self._driver.detach(episode)
                 raise

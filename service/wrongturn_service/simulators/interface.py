@@ -1,24 +1,12 @@
-"""What the service asks of simulators, whether they are processes of this machine or actors of a cluster.
+"""What simulators are sent, what they answer, and how they fail."""
 
-::
-
-    SimulatorError
-    ├── SimulatorsBusyError       every slot is taken
-    ├── SimulatorStartError       no simulator could be started
-    ├── SimulatorDiedError        it ended, hung or failed: replay the episode in another one
-    └── EpisodeRefusedError       the trial cannot be driven as asked: the caller's mistake
-"""
-
-import asyncio
 import struct
-from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
-from wrongturn_protocol import Outcome, Track
-from wrongturn_service.encoding import Encoding
+from wrongturn_protocol import Outcome
 
 _T = TypeVar("_T")
 Action = tuple[float, float, float]
@@ -104,81 +92,3 @@ class StepResult:
     terminated: bool
     truncated: bool
     final: EpisodeEnd | None
-
-
-class Simulator(ABC):
-    """One simulation, which drives one episode at a time. All calls raise SimulatorDiedError."""
-
-    @property
-    @abstractmethod
-    def dead(self) -> bool:
-        """Whether it has ended; its episode has to be replayed in another one."""
-
-    @abstractmethod
-    async def reset(self, trial: str, track: Track, actions: bytes, encoding: Encoding) -> StepResult:
-        """Begin an episode, repeat actions that were taken before, and return the result of the last one.
-
-        ``trial`` is JSON of Trial; ``actions`` are little-endian float32 [n, 3]. Raises EpisodeRefusedError.
-        """
-
-    @abstractmethod
-    def step(self, action: Action, encoding: Encoding) -> "asyncio.Future[StepResult]":
-        """Drive one decision. Whoever cancels the future has to give the simulator up."""
-
-    @abstractmethod
-    async def view(self) -> bytes:
-        """Return a picture of the moment for people, as a pixmap."""
-
-    @abstractmethod
-    async def abort(self) -> EpisodeEnd:
-        """End the episode as ``aborted``."""
-
-
-class SimulatorPool(ABC):
-    """A bounded number of simulators."""
-
-    slots: int
-    """Number of simulators that can drive at a time."""
-    failure: str | None = None
-    """Why the last start of a simulator failed; None if it did not."""
-
-    @abstractmethod
-    async def start(self) -> None:
-        """Make a first simulator ready. Raises SimulatorStartError."""
-
-    @abstractmethod
-    async def stop(self) -> None:
-        """End all simulators."""
-
-    @abstractmethod
-    async def acquire(self, town: str, agent: str) -> Simulator:
-        """Return a simulator for the caller alone, preferably one that has the town loaded.
-
-        Of two calls that wait for a start, that of the agent with fewer simulators comes first.
-
-        Raises:
-            SimulatorsBusyError, SimulatorStartError.
-        """
-
-    @abstractmethod
-    async def release(self, simulator: Simulator) -> None:
-        """Give a simulator back, dead or alive."""
-
-    @property
-    @abstractmethod
-    def running(self) -> int:
-        """Number of simulators that are started or being started."""
-
-    @property
-    @abstractmethod
-    def busy(self) -> int:
-        """Number of simulators that are acquired."""
-
-    @property
-    def idle(self) -> int:
-        """Number of simulators that are ready and not acquired."""
-        return self.running - self.busy
-
-    def memory(self) -> int:
-        """Return the memory of all simulators, bytes, what they share counted once. Takes a while."""
-        return 0

@@ -8,17 +8,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import structlog
-from typing_extensions import override
 
 from wrongturn_service.machine import Machine
-from wrongturn_service.simulators.interface import (
-    Simulator,
-    SimulatorDiedError,
-    SimulatorPool,
-    SimulatorsBusyError,
-    SimulatorStartError,
-    in_turn,
-)
+from wrongturn_service.simulators.interface import SimulatorDiedError, SimulatorsBusyError, SimulatorStartError, in_turn
 from wrongturn_service.simulators.local_simulator import LocalSimulator
 
 COMMAND = (sys.executable, "-m", "wrongturn_service.simulators")
@@ -39,7 +31,7 @@ class _Waiting:
     simulator: "asyncio.Future[LocalSimulator]"
 
 
-class LocalPool(SimulatorPool):
+class LocalPool:
     """At most ``slots`` processes that drive; each is started when it is needed, and then kept."""
 
     def __init__(
@@ -53,18 +45,15 @@ class LocalPool(SimulatorPool):
         command: Sequence[str] = COMMAND,
         on_death: Callable[[], None] = lambda: None,
     ) -> None:
-        """Create a pool without processes.
+        """Create a pool without processes; :meth:`LocalSimulator.start` says what most arguments mean.
 
-        Args:
-            slots: number of processes that can drive at a time.
-            start_timeout_s: seconds until a new process has to be ready.
-            timeout_s: seconds after which a call counts as hung.
-            spare: number of ready processes beyond those that drive, so that one that dies is replaced at once.
-            environment: variables of the processes, beside the few that they get of this process's.
-            command: starts a process.
-            on_death: called for each process that is found dead.
+        ``spare`` processes beyond those that drive are kept ready, so that one that dies is replaced at once.
+        ``on_death`` is called for each process that is found dead.
         """
         self.slots = slots
+        """Number of simulators that can drive at a time."""
+        self.failure: str | None = None
+        """Why the last start of a simulator failed; None if it did not."""
         self._spare = spare
         self._start_timeout_s = start_timeout_s
         self._timeout_s = timeout_s
@@ -83,30 +72,30 @@ class LocalPool(SimulatorPool):
         self._log = structlog.get_logger("pool")
 
     @property
-    @override
     def running(self) -> int:
+        """Number of simulators that are started or being started."""
         return len(self._idle) + len(self._busy) + len(self._starting)
 
     @property
-    @override
     def busy(self) -> int:
+        """Number of simulators that are acquired or waited for."""
         return len(self._busy) + len(self._waiting)
 
     @property
-    @override
     def idle(self) -> int:
+        """Number of simulators that are ready and not acquired."""
         return len(self._idle)
 
-    @override
     def memory(self) -> int:
+        """Return the memory of all simulators, bytes, what they share counted once. Takes a while."""
         return sum(simulator.memory() for simulator in [*self._idle, *self._busy])
 
-    @override
     async def start(self) -> None:
+        """Make a first simulator ready. Raises SimulatorStartError."""
         self._idle.append(await self._started())
 
-    @override
     async def stop(self) -> None:
+        """End all simulators."""
         self._stopping = True
         for task in self._starting:
             task.cancel()
@@ -114,8 +103,15 @@ class LocalPool(SimulatorPool):
         await asyncio.gather(*(simulator.close() for simulator in [*self._idle, *self._busy]))
         self._idle.clear()
 
-    @override
     async def acquire(self, town: str, agent: str) -> LocalSimulator:
+        """Return a simulator for the caller alone, preferably one that has the town loaded.
+
+        Of two calls that wait for a start, that of the agent with fewer simulators comes first.
+
+        Raises:
+            SimulatorsBusyError: Every slot is taken, or no simulator got ready in time.
+            SimulatorStartError: No simulator could be started.
+        """
         # Remove all of them before the first await, so that no other call closes them too.
         dead = [simulator for simulator in self._idle if simulator.dead]
         self._idle = [simulator for simulator in self._idle if not simulator.dead]
@@ -149,9 +145,8 @@ class LocalPool(SimulatorPool):
         """Return the waiting calls, the next one first."""
         return in_turn(Counter(self._busy.values()), ((waiting.agent, waiting) for waiting in self._waiting))
 
-    @override
-    async def release(self, simulator: Simulator) -> None:
-        assert isinstance(simulator, LocalSimulator)
+    async def release(self, simulator: LocalSimulator) -> None:
+        """Take a simulator back, dead or alive."""
         if simulator not in self._busy:
             return
         del self._busy[simulator]

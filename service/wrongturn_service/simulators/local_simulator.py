@@ -20,7 +20,6 @@ from wrongturn_service.simulators.interface import (
     Action,
     EpisodeEnd,
     EpisodeRefusedError,
-    Simulator,
     SimulatorDiedError,
     SimulatorStartError,
     StepResult,
@@ -51,8 +50,8 @@ _SHARE: Final = re.compile(rb"^Pss:\s+(\d+) kB", re.MULTILINE)
 _RESIDENT: Final = re.compile(rb"^VmRSS:\s+(\d+) kB", re.MULTILINE)
 
 
-class LocalSimulator(Simulator, asyncio.Protocol):
-    """One process, which answers one request at a time; make it by :meth:`start`."""
+class LocalSimulator(asyncio.Protocol):
+    """One process, which drives one episode at a time; make it by :meth:`start`. Calls raise SimulatorDiedError."""
 
     def __init__(self, process: subprocess.Popen[bytes], stream: socket.socket, timeout_s: float) -> None:
         self.process = process
@@ -119,26 +118,29 @@ class LocalSimulator(Simulator, asyncio.Protocol):
         return simulator
 
     @property
-    @override
     def dead(self) -> bool:
+        """Whether it has ended; its episode has to be replayed in another one."""
         # The reply to a call that was given up would be taken for that to the next one.
         return self._closed or (self._reply is not None and self._reply.cancelled())
 
-    @override
     async def reset(self, trial: str, track: Track, actions: bytes, encoding: Encoding) -> StepResult:
+        """Begin an episode, repeat actions that were taken before, and return the result of the last one.
+
+        ``trial`` is JSON of Trial; ``actions`` are little-endian float32 [n, 3]. Raises EpisodeRefusedError.
+        """
         timeout_s = self._timeout_s + replay_s(actions)
         return await self._ask(["reset", trial, track.value, actions, encoding.value], _step_result, timeout_s)
 
-    @override
     def step(self, action: Action, encoding: Encoding) -> "asyncio.Future[StepResult]":
+        """Drive one decision. Whoever cancels the future has to give the simulator up."""
         return self._ask(["step", *action, encoding.value], _step_result, self._step_s)
 
-    @override
     async def abort(self) -> EpisodeEnd:
+        """End the episode as ``aborted``."""
         return await self._ask(["abort"], _episode_end, self._timeout_s)
 
-    @override
     async def view(self) -> bytes:
+        """Return a picture of the moment for people, as a pixmap."""
         return await self._ask(["view"], bytes, self._timeout_s)
 
     async def prepare(self, town: str) -> None:

@@ -114,8 +114,7 @@ class Calls:
             async with service.idempotency.once(_key(key), caller.holder, call, b"", self._reading) as once:
                 async with self._reading:
                     row = await driven_by(service, caller, wanted)
-                remember = partial(once.row, status=201, media=Encoding.RAW)
-                return await service.resets.next(caller, self._address, row, Encoding.RAW, remember, once.key)
+                return await service.resets.next(caller, self._address, row, Encoding.RAW, once)
 
     async def _practise(self, request: Any, key: Any) -> bytes:
         service, caller = self._service, self._caller
@@ -131,9 +130,7 @@ class Calls:
         async with service.idempotency.once(_key(key), caller.holder, call, canonical, self._reading) as once:
             caller.check_track(wanted)
             trial = await catalogue.practice_trial(wanted)
-            return await service.resets.practise(
-                caller, self._address, trial, Encoding.RAW, partial(once.row, status=201, media=Encoding.RAW), once.key
-            )
+            return await service.resets.practise(caller, self._address, trial, Encoding.RAW, once)
 
     async def _look(self, episode: Any) -> bytes:
         service, wanted = self._service, _id("episode", episode)

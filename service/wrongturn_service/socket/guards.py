@@ -76,8 +76,6 @@ class Guard:
 
     most: int
     """Connections at a time."""
-    descriptors: int
-    """File descriptors that the process may have with another connection."""
     patience_s: float
     """Seconds for a request's head, for a message, and for a reply to be read."""
     closed: Callable[[str], None]
@@ -207,10 +205,8 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         if len(self.connections) > self._guard.most:
-            self._refuse_full("too-many", f"{self._guard.most} connections are open, which is the limit")
-        # A new connection gets the lowest number that is free.
-        elif transport.get_extra_info("socket").fileno() >= self._guard.descriptors:
-            self._refuse_full("no-descriptors", "the service has no file descriptors left for connections")
+            detail = f"{self._guard.most} connections are open, which is the limit; come back later"
+            self._refuse("too-many", UnavailableError(ProblemType.SERVICE_FULL, detail, retry_after_s=5))
         else:
             self._head.begin()
 
@@ -331,18 +327,8 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
         return self.cycle is not None and not self.cycle.response_complete
 
     def _too_slow(self) -> None:
-        self._refuse(
-            "slow-request",
-            ServiceError(
-                ProblemType.REQUEST_TIMEOUT,
-                f"the request's head did not come within {self._guard.patience_s:g} s",
-                status=408,
-            ),
-        )
-
-    def _refuse_full(self, reason: str, detail: str) -> None:
-        detail += "; come back later"
-        self._refuse(reason, UnavailableError(ProblemType.SERVICE_FULL, detail, retry_after_s=5))
+        detail = f"the request's head did not come within {self._guard.patience_s:g} s"
+        self._refuse("slow-request", ServiceError(ProblemType.REQUEST_TIMEOUT, detail, status=408))
 
     def _refuse(self, reason: str, error: ServiceError) -> None:
         self._over = True

@@ -4,11 +4,7 @@ import contextlib
 from collections import Counter
 from collections.abc import Iterator
 
-from wrongturn_protocol import ProblemType
-from wrongturn_service.counting import one_less
-from wrongturn_service.errors import UnavailableError
-
-_COME_BACK_S = 5
+from wrongturn_service.errors import too_many
 
 
 class ConnectionLimits:
@@ -31,13 +27,9 @@ class ConnectionLimits:
         """
         for who, whose, most in ((agent, "of this agent", self._each), (address, "from this address", self._address)):
             if self._counts[who] >= most:
-                raise UnavailableError(
-                    ProblemType.RATE_LIMITED,
+                raise too_many(
                     f"{most} connections {whose} are open, which is the limit; one carries any number of episodes, so "
-                    "use it, or close another",
-                    retry_after_s=_COME_BACK_S,
-                    status=429,
-                    position=1,
+                    "use it, or close another"
                 )
         self._counts.update((agent, address))
         self.open += 1
@@ -45,5 +37,4 @@ class ConnectionLimits:
             yield
         finally:
             self.open -= 1
-            one_less(self._counts, agent)
-            one_less(self._counts, address)
+            self._counts -= Counter((agent, address))

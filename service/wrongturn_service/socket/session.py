@@ -14,9 +14,8 @@ from wrongturn_protocol import ProblemType, wire
 from wrongturn_service.accounts import Caller
 from wrongturn_service.api.errors import as_service_error, problem_response
 from wrongturn_service.client_address import address_of
-from wrongturn_service.counting import one_less
 from wrongturn_service.encoding import Reply
-from wrongturn_service.episodes.refusals import stopping
+from wrongturn_service.episodes.open_episode import stopping
 from wrongturn_service.errors import ServiceError, UnauthenticatedError
 from wrongturn_service.service import Service
 from wrongturn_service.socket.calls import Calls, problem_result
@@ -183,7 +182,7 @@ class Connection:
         try:
             result = await self._calls.answer(call)
         finally:
-            one_less(self._queued, episode)
+            self._queued -= Counter([episode])
             done(result)
 
     def _take_result(self, answer: _Answer, at: int, result: bytes | Reply) -> None:

@@ -47,7 +47,9 @@ class Database:
         file: Path | None,
         telemetry: Telemetry | None,
     ) -> None:
-        self.condition = Condition() if telemetry is None else Condition(telemetry.storage_failed)
+        self.condition = (
+            Condition() if telemetry is None else Condition(lambda kind: telemetry.storage_errors.labels(kind).inc())
+        )
         self._telemetry = telemetry
         self._probing: asyncio.Task[None] | None = None
         self._writing = engine
@@ -137,7 +139,7 @@ class Database:
             if operation == "write":
                 self.condition.writing_since = None
             if self._telemetry is not None:
-                self._telemetry.transacted(operation, time.perf_counter() - began)
+                self._telemetry.database.labels(operation).observe(time.perf_counter() - began)
 
     async def _probe(self) -> None:
         while self.condition.failing:

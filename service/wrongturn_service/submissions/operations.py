@@ -14,7 +14,7 @@ from wrongturn_protocol import AgentKind, FieldError, ProblemType, SubmissionSta
 from wrongturn_protocol.submissions import NAME, SUITE
 from wrongturn_service.episodes.closings import Closings
 from wrongturn_service.episodes.episodes import Episodes
-from wrongturn_service.errors import ConflictError, ServiceError, UnavailableError
+from wrongturn_service.errors import ConflictError, ServiceError, UnavailableError, too_many
 from wrongturn_service.settings import Settings
 from wrongturn_service.storage.accounts import AgentNameTakenError
 from wrongturn_service.storage.models import AgentRow, IdempotencyRow, SubmissionRow
@@ -159,7 +159,7 @@ class Submissions:
     def note_end(self, submission_id: str, state: SubmissionState, reason: str | None = None) -> None:
         """Log and count the end of a submission, which the database has already, and let the dispatcher look."""
         self._log.info("submission over", submission=submission_id, state=state.value, reason=reason)
-        self._telemetry.submission_over(state)
+        self._telemetry.submissions_over.labels(state.value).inc()
         self.changed()
 
     async def settled(self, submission_ids: Iterable[str]) -> None:
@@ -233,10 +233,5 @@ def _refused(row: SubmissionRow, error: Exception) -> ServiceError:
 
 
 def _too_many() -> UnavailableError:
-    return UnavailableError(
-        ProblemType.RATE_LIMITED,
-        "this owner has as many open submissions as it may have; wait for one to end, or DELETE one",
-        retry_after_s=_COME_BACK_S,
-        status=429,
-        position=1,
-    )
+    detail = "this owner has as many open submissions as it may have; wait for one to end, or DELETE one"
+    return too_many(detail, retry_after_s=_COME_BACK_S)

@@ -16,9 +16,8 @@ from typing import Final, TypeVar
 import structlog
 
 from wrongturn_protocol import ProblemType
-from wrongturn_service.counting import one_less
-from wrongturn_service.episodes.refusals import stopping
-from wrongturn_service.errors import ServiceError, UnavailableError
+from wrongturn_service.episodes.open_episode import stopping
+from wrongturn_service.errors import ServiceError, UnavailableError, too_many
 from wrongturn_service.socket.guards import PROGRESS
 from wrongturn_service.submissions.files import ArrivingModel, ModelFiles
 from wrongturn_service.submissions.form import AROUND, Form, boundary_of, too_large
@@ -91,20 +90,13 @@ class Uploads:
         """Count an upload of an owner and an address while the block runs. Raises UnavailableError beyond a limit."""
         for who, name, most in ((owner, "owner", self._each), (address, "address", _OWNERS * self._each)):
             if self._under_way[who] >= most:
-                raise UnavailableError(
-                    ProblemType.RATE_LIMITED,
-                    f"{most} uploads of this {name} are under way, which is the limit; send this one after them",
-                    retry_after_s=_COME_BACK_S,
-                    status=429,
-                    position=1,
-                )
-        self._under_way[owner] += 1
-        self._under_way[address] += 1
+                detail = f"{most} uploads of this {name} are under way, which is the limit; send this one after them"
+                raise too_many(detail, retry_after_s=_COME_BACK_S)
+        self._under_way.update((owner, address))
         try:
             yield
         finally:
-            one_less(self._under_way, owner)
-            one_less(self._under_way, address)
+            self._under_way -= Counter((owner, address))
 
     @contextlib.asynccontextmanager
     async def receive(self, submission_id: str, boundary: bytes, body: AsyncIterator[bytes]) -> AsyncIterator[Upload]:

@@ -7,8 +7,8 @@ from typing import NamedTuple
 from fastapi import APIRouter, Request, Response
 
 from wrongturn_protocol import Outcome, ProblemType, Trial
-from wrongturn_service import catalogue, unchanged
-from wrongturn_service.api.dependencies import ServiceDep
+from wrongturn_service import catalogue
+from wrongturn_service.api.dependencies import ServiceDep, tagged
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.errors import NotFoundError, ServiceError
 from wrongturn_service.replays import check_town
@@ -57,7 +57,7 @@ async def rows(request: Request, service: ServiceDep, episode: str) -> Response:
         headers["Content-Encoding"] = "gzip"
     else:
         body = await asyncio.to_thread(gzip.decompress, body)
-    return unchanged.reply(request, body, Encoding.JSON, headers)
+    return tagged(request, body, Encoding.JSON, headers)
 
 
 async def _found(service: Service, episode: str) -> FinishedEpisode:

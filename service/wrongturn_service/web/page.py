@@ -1,14 +1,17 @@
-"""Pages: Jinja templates, sent with a strict Content-Security-Policy."""
+"""Pages: Jinja templates and static files, sent with a strict Content-Security-Policy."""
 
 from functools import cache
 from typing import Any, Final
 
-from fastapi import Request, Response
+from fastapi import APIRouter, Request, Response
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from starlette.staticfiles import StaticFiles
 
-from wrongturn_service import unchanged
+from wrongturn_service.api.dependencies import tagged
 from wrongturn_service.errors import InvalidRequestError
 
+router = APIRouter(include_in_schema=False)
+_STATIC: Final = StaticFiles(packages=[("wrongturn_service.web", "static")])
 SECURITY: Final = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -71,4 +74,12 @@ def numbered_page(number: str, count: int) -> int:
 def sent(request: Request, body: bytes, status: int = 200) -> Response:
     """Return the response with a page that is rendered already, see :func:`page`."""
     headers = {**SECURITY, "Cache-Control": "no-cache"}
-    return unchanged.reply(request, body, "text/html; charset=utf-8", headers, status=status)
+    return tagged(request, body, "text/html; charset=utf-8", headers, status=status)
+
+
+@router.api_route("/static/{file:path}", methods=["GET", "HEAD"])
+async def static(request: Request, file: str) -> Response:
+    """Send a script, a style or a picture. Only the files that the package holds can be named."""
+    response = await _STATIC.get_response(file, request.scope)
+    response.headers.update({**SECURITY, "Cache-Control": "no-cache"})
+    return response
