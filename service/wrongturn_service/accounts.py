@@ -227,32 +227,22 @@ class Accounts:
         await self.submitter(authorization)
         raise ForbiddenError("this call needs the operator's token")
 
-    async def agent(self, agent_id: str) -> AgentRow:
-        """Return an agent. Raises NotFoundError."""
-        row = await self._store.agent(agent_id)
+    async def _item(self, collection: Collection, item_id: str) -> OwnerRow | AgentRow:
+        """Return an owner or an agent. Raises NotFoundError."""
+        row = await (self._store.owner if collection is Collection.OWNERS else self._store.agent)(item_id)
         if row is None:
-            raise unknown(Collection.AGENTS, agent_id)
+            raise unknown(collection, item_id)
         return row
 
-    async def owner(self, owner_id: str) -> OwnerRow:
-        """Return an owner. Raises NotFoundError."""
-        row = await self._store.owner(owner_id)
-        if row is None:
-            raise unknown(Collection.OWNERS, owner_id)
-        return row
+    async def shown(self, collection: Collection, item_id: str, authorization: str | None) -> OwnerRow | AgentRow:
+        """Return an owner or an agent to everybody; a hidden one to itself, its owner and the operator.
 
-    async def shown_agent(self, agent_id: str, authorization: str | None = None) -> AgentRow:
-        """Return an agent to everybody; a hidden one to itself, its owner and the operator. Raises NotFoundError."""
-        row = await self.agent(agent_id)
-        if row.unseen and not await self.holds(authorization, row):
-            raise unknown(Collection.AGENTS, agent_id)
-        return row
-
-    async def shown_owner(self, owner_id: str, authorization: str | None) -> OwnerRow:
-        """Return an owner to everybody; a hidden one to itself and the operator. Raises NotFoundError."""
-        row = await self.owner(owner_id)
-        if row.hidden and not await self.holds(authorization, row):
-            raise unknown(Collection.OWNERS, owner_id)
+        Raises NotFoundError.
+        """
+        row = await self._item(collection, item_id)
+        hidden = row.hidden if isinstance(row, OwnerRow) else row.unseen
+        if hidden and not await self.holds(authorization, row):
+            raise unknown(collection, item_id)
         return row
 
     async def holds(self, authorization: str | None, row: OwnerRow | AgentRow) -> bool:
@@ -273,7 +263,7 @@ class Accounts:
         Raises UnauthenticatedError, ForbiddenError, NotFoundError.
         """
         caller = None if self.is_operator(authorization) else (await self.holder(authorization)).id
-        row = await (self.owner if collection is Collection.OWNERS else self.agent)(item_id)
+        row = await self._item(collection, item_id)
         if caller is not None and caller not in _holders(row):
             others = "or the operator's" if isinstance(row, OwnerRow) else "its owner's, or the operator's"
             raise ForbiddenError(

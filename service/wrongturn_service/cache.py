@@ -11,12 +11,9 @@ _AT_ONCE: Final = 2
 
 
 class Cache:
-    """The results that were asked for last. Few are made at once, and none twice at once.
+    """The results that were asked for last, up to a capacity: their number, or the sum of their sizes.
 
-    Args:
-        capacity: Number of results, or sum of their sizes. A larger result is not cached.
-        at_once: Number of results that are made at once. Other calls wait.
-        size: Returns a result's size.
+    Only ``at_once`` are made at once, and none twice at once. A result larger than the capacity is not cached.
     """
 
     def __init__(
@@ -31,13 +28,9 @@ class Cache:
         self._turn = asyncio.Semaphore(at_once)
 
     async def get(self, key: Hashable, make: Callable[[], Awaitable[_T]]) -> _T:
-        """Return what ``make`` returns, or what it returned before under this key.
+        """Return what ``make`` returns, or what it returned before under this key, which alone decides the result.
 
-        The work goes on if the caller is cancelled, because others may wait for it.
-
-        Args:
-            key: What decides the result. Never anything that can change.
-            make: Makes the result. It runs costly parts in a thread.
+        The work goes on if the caller is cancelled, because others may wait for it. Costly parts belong into a thread.
         """
         if key in self._found:
             self._found.move_to_end(key)

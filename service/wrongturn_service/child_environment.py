@@ -9,10 +9,5 @@ _PASSED_ON: Final = ("PATH", "HOME", "LANG", "LC_ALL", "TZ", "TMPDIR", "PYTHONPA
 
 
 def child_environment(*more: str, environment: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """Return the variables that a child may have.
-
-    Args:
-        more: names of others that it needs, which hold no secrets.
-        environment: the service's own variables.
-    """
+    """Return those of the service's variables that a child may have; ``more`` names others, which hold no secrets."""
     return {name: environment[name] for name in (*_PASSED_ON, *more) if name in environment}

@@ -29,15 +29,9 @@ class Encoding(StrEnum):
 
 @dataclass(slots=True)
 class Reply:
-    """The reply to a reset or a step. Do not change it; it is not frozen because that would cost time in every step.
+    """The reply to a reset or a step: fields before the encoded observation, and after it.
 
-    Attributes:
-        seq: Sequence number, 0 for a reset.
-        observation: The encoded observation.
-        encoding: Encoding of the observation.
-        track: Track of the observation.
-        head: Fields before the observation.
-        tail: Fields after the observation.
+    Do not change it; it is not frozen because that would cost time in every step.
     """
 
     seq: int

@@ -75,14 +75,9 @@ class Idempotency:
     async def once(
         self, key: str | None, scope: str, call: str, body: bytes, line: asyncio.Semaphore | None = None
     ) -> AsyncIterator[IdempotentRequest]:
-        """Handle a request in the block.
+        """Handle a request in the block: its method and path, and its body in canonical form.
 
-        Args:
-            key: The header's value.
-            scope: Whose key it is. The same key in another scope is another key.
-            call: Method and path.
-            body: The request in canonical form.
-            line: What the look-up waits for.
+        ``scope`` says whose key it is; the same key in another scope is another key. The look-up waits for ``line``.
 
         Raises:
             StoredReplyError: The request was answered before.

@@ -19,8 +19,7 @@ _LONGEST: Final = 64
 def begin_request(path: str = "") -> str:
     """Add a new request id, and the episode, evaluation or submission of its path, to all log lines that follow.
 
-    Returns:
-        The request's id: a random prefix of this start, and a number.
+    The id is a random prefix of this start, and a number.
     """
     request_id = f"{_START}-{next(_numbers)}"
     structlog.contextvars.clear_contextvars()
@@ -43,8 +42,7 @@ class LogThrottle:
     def others(self, kind: object) -> int | None:
         """Return how many of a kind were not logged since the last that was; None if this one is not logged either.
 
-        Args:
-            kind: One of few: each takes memory for good.
+        There have to be few kinds: each takes memory for good.
         """
         now = self._clock()
         until, unsaid = self._quiet.get(kind, (now, 0))

@@ -21,35 +21,6 @@ _HOUR_S = 3600.0
 _ADDRESSES = 10_000
 
 
-class AddressLimit:
-    """Limit on registrations from one address within an hour."""
-
-    def __init__(self, limit: int) -> None:
-        self._limit = limit
-        self._times: OrderedDict[str, deque[float]] = OrderedDict()
-
-    def check(self, address: str) -> None:
-        """Count a registration. Raises UnavailableError beyond the limit."""
-        now = time.monotonic()
-        times = self._times.setdefault(address, deque())
-        self._times.move_to_end(address)
-        while len(self._times) > _ADDRESSES:
-            self._times.popitem(last=False)
-        while times and now - times[0] > _HOUR_S:
-            times.popleft()
-        if len(times) >= self._limit:
-            wait = int(_HOUR_S - (now - times[0])) + 1
-            raise UnavailableError(
-                ProblemType.RATE_LIMITED,
-                f"this address has registered {self._limit} owners and agents within an hour, the limit; come back in "
-                f"{wait} s, register agents with an owner's token, which does not count here, or ask the operator to "
-                "register you or to raise WRONGTURN_REGISTRATION_LIMIT",
-                retry_after_s=wait,
-                status=429,
-            )
-        times.append(now)
-
-
 @dataclass(frozen=True)
 class Registrant:
     """Who registers an owner or an agent.
@@ -84,7 +55,8 @@ class Registrations:
         self._store = store
         self._settings = settings
         self._accounts = accounts
-        self._limit = AddressLimit(settings.registration_limit)
+        self._times: OrderedDict[str, deque[float]] = OrderedDict()
+        """When each address has registered owners and agents within the last hour."""
 
     async def prepare(self) -> None:
         """Make the owner of the shipped agents, so that nobody else has or takes its name."""
@@ -113,7 +85,7 @@ class Registrations:
             self._check_open("agents", "ask the operator for an owner's token")
         self.check_agent_name(registration.name)
         if who.owner is None:  # an owner has a limit of its own on agents
-            self._limit.check(who.address)
+            self._count(who.address)
 
     def check_agent_name(self, name: str) -> None:
         """Check that a name is not kept for the operator. Raises ConflictError.
@@ -133,7 +105,28 @@ class Registrations:
         if not who.operator:
             self._check_open("owners", "ask the operator to register you")
             _check_owner_name(registration.name)
-            self._limit.check(who.address)
+            self._count(who.address)
+
+    def _count(self, address: str) -> None:
+        """Count a registration from an address. Raises UnavailableError beyond the limit."""
+        now, limit = time.monotonic(), self._settings.registration_limit
+        times = self._times.setdefault(address, deque())
+        self._times.move_to_end(address)
+        while len(self._times) > _ADDRESSES:
+            self._times.popitem(last=False)
+        while times and now - times[0] > _HOUR_S:
+            times.popleft()
+        if len(times) >= limit:
+            wait = int(_HOUR_S - (now - times[0])) + 1
+            raise UnavailableError(
+                ProblemType.RATE_LIMITED,
+                f"this address has registered {limit} owners and agents within an hour, the limit; come back in "
+                f"{wait} s, register agents with an owner's token, which does not count here, or ask the operator to "
+                "register you or to raise WRONGTURN_REGISTRATION_LIMIT",
+                retry_after_s=wait,
+                status=429,
+            )
+        times.append(now)
 
     def _check_open(self, what: str, remedy: str) -> None:
         if self._settings.registration is Registration.OPERATOR:

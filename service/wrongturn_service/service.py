@@ -18,7 +18,7 @@ from wrongturn_service.episodes.closings import Closings
 from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.episodes import Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations
-from wrongturn_service.episodes.open_episode import Limits, Most, Registry
+from wrongturn_service.episodes.open_episode import Registry
 from wrongturn_service.episodes.queue import SimulatorQueue
 from wrongturn_service.episodes.resets import Resets
 from wrongturn_service.errors import StartupError, UnavailableError
@@ -29,7 +29,7 @@ from wrongturn_service.replays import Replays
 from wrongturn_service.settings import Settings
 from wrongturn_service.simulators.interface import SimulatorStartError
 from wrongturn_service.simulators.local_pool import LocalPool
-from wrongturn_service.socket.limits import ConnectionLimits
+from wrongturn_service.socket.guards import ConnectionLimits
 from wrongturn_service.storage.administration import AdministrationStore
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.finished import FinishedStore
@@ -96,7 +96,7 @@ class Service:
             self.store,
             driver,
             self.evaluations,
-            Registry(_limits(settings)),
+            Registry(settings.max_parallel, settings.max_open),
             telemetry,
             release_s=settings.lease_release_s,
             abort_s=settings.lease_abort_s,
@@ -261,7 +261,14 @@ async def run_service(
     async with contextlib.AsyncExitStack() as stack:
         database = await Database.open(settings.database_url, home=settings.home, telemetry=telemetry)
         stack.push_async_callback(database.close)
-        pool = pool or _local_pool(settings, telemetry)
+        pool = pool or LocalPool(
+            settings.simulators,
+            spare=settings.spare_simulators,
+            start_timeout_s=settings.simulator_start_timeout_s,
+            timeout_s=settings.simulator_timeout_s,
+            environment={"WRONGTURN_HOME": str(settings.home)},
+            on_death=telemetry.deaths.inc,
+        )
         stack.push_async_callback(pool.stop)
         service = Service(settings, telemetry, database, pool, runner)
         await service.prepare()
@@ -278,25 +285,6 @@ async def run_service(
             stack.push_async_callback(_cancel, asyncio.create_task(work))
         _log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=settings.simulators)
         yield service
-
-
-def _limits(settings: Settings) -> Limits:
-    """Return the limits on open episodes: twice as many for an owner, four times for an address; half for practice."""
-    agent, owner, address = (
-        Most(factor * settings.max_open, max(1, factor * settings.max_open // 2)) for factor in (1, 2, 4)
-    )
-    return Limits(settings.max_parallel, agent, owner, address)
-
-
-def _local_pool(settings: Settings, telemetry: Telemetry) -> LocalPool:
-    return LocalPool(
-        settings.simulators,
-        spare=settings.spare_simulators,
-        start_timeout_s=settings.simulator_start_timeout_s,
-        timeout_s=settings.simulator_timeout_s,
-        environment={"WRONGTURN_HOME": str(settings.home)},
-        on_death=telemetry.deaths.inc,
-    )
 
 
 async def _cancel(task: "asyncio.Task[None]") -> None:

@@ -110,13 +110,13 @@ async def agents(
 @owners_router.get("/{owner}", **described(OwnerDetail, 404), **WITHOUT_TOKEN_TOO)
 async def owner(service: ServiceDep, authorization: AuthorizationDep, owner: str) -> Response:
     """Show one owner. One that the operator hides is shown to itself and the operator."""
-    return reply(owner_detail(await service.accounts.shown_owner(owner, authorization)))
+    return reply(_shown(await service.accounts.shown(Collection.OWNERS, owner, authorization)))
 
 
 @agents_router.get("/{agent}", **described(AgentDetail, 404), **WITHOUT_TOKEN_TOO)
 async def agent(service: ServiceDep, authorization: AuthorizationDep, agent: str) -> Response:
     """Show one agent. One that the operator hides is shown to itself, its owner and the operator."""
-    return reply(detail(await service.accounts.shown_agent(agent, authorization)))
+    return reply(_shown(await service.accounts.shown(Collection.AGENTS, agent, authorization)))
 
 
 @owners_router.post("/{owner}/token", name="rotate", **described(RegisteredOwner, 404, 507, status=201))

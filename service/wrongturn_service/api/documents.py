@@ -68,12 +68,8 @@ def described(
 ) -> dict[str, Any]:
     """Return the keyword arguments of a route that document its replies; :class:`Route` adds more.
 
-    Args:
-        message: The message of a good reply. None for a reply without a body or of another media type.
-        problems: Statuses of the route's own problems.
-        status: Status of a good reply.
-        media: Media type of a reply that is no message.
-        tagged: Whether the reply has an ETag, so that a caller that has it already gets 304.
+    ``status`` is that of a good reply. Without a message it has no body, or one of the ``media`` type. A ``tagged``
+    reply has an ETag, so that a caller that has it already gets 304.
     """
     good: dict[str, Any] = {"description": "As asked"}
     if message is not None:

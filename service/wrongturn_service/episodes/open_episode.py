@@ -105,34 +105,18 @@ class OpenEpisode:
         return False
 
 
-@dataclass(frozen=True, slots=True)
-class Most:
-    """How many episodes somebody may have open."""
-
-    open: int
-    practice: int
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Limits on open episodes."""
-
-    evaluation: int
-    """Episodes of one evaluation."""
-    agent: Most
-    """Episodes of one agent, or of the runner of a submission."""
-    owner: Most
-    """Episodes of all agents of one owner."""
-    address: Most
-    """Episodes that one address has begun."""
-
-
 class Registry(dict[str, OpenEpisode]):
     """Open episodes by id. An episode counts from :meth:`reserve` on, before it is open."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, max_parallel: int, max_open: int) -> None:
+        """Create it empty.
+
+        Of one evaluation ``max_parallel`` may be open; of an agent or a runner ``max_open``, of an owner twice as many,
+        and of an address four times. Half of these may be practice.
+        """
         super().__init__()
-        self.limits = limits
+        self.max_parallel = max_parallel
+        self._max_open = max_open
         self._all: Counter[str] = Counter()
         """Open episodes by holder, owner and address. An id never looks like an address."""
         self._practice: Counter[str] = Counter()
@@ -151,16 +135,13 @@ class Registry(dict[str, OpenEpisode]):
         Raises:
             UnavailableError: The agent, its owner or its address has reached a limit.
         """
-        limits = self.limits
-        for who, name, most in (
-            (payer.holder, "agent", limits.agent),
-            (payer.owner, "owner", limits.owner),
-            (payer.address, "address", limits.address),
-        ):
-            if who is not None and practice and self._practice[who] >= most.practice:
-                raise _too_many(name, f"{most.practice} practice episodes")
-            if who is not None and self._all[who] >= most.open:
-                raise _too_many(name, f"{most.open} episodes")
+        for who, name, factor in ((payer.holder, "agent", 1), (payer.owner, "owner", 2), (payer.address, "address", 4)):
+            most = factor * self._max_open
+            half = max(1, most // 2)
+            if who is not None and practice and self._practice[who] >= half:
+                raise _too_many(name, f"{half} practice episodes")
+            if who is not None and self._all[who] >= most:
+                raise _too_many(name, f"{most} episodes")
         self._all.update(_names(payer))
         if practice:
             self._practice.update(_names(payer))

@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from structlog.contextvars import bind_contextvars
 
@@ -56,25 +55,6 @@ class InProgress:
             )
 
 
-@dataclass(frozen=True, slots=True)
-class _Wanted:
-    """A request for an episode."""
-
-    caller: Caller
-    address: str
-    """The address that the request comes from."""
-    evaluation: str | None
-    """Id of the evaluation, None for practice."""
-    counts: bool
-    """Whether the evaluation is known to have had a step; true for practice."""
-    trial: Trial
-    encoding: Encoding
-    """Encoding of the reply."""
-    once: IdempotentRequest
-    call: str
-    """Name of the request. A request that is sent again keeps its place in the queue."""
-
-
 class Resets:
     """Begins episodes."""
 
@@ -104,7 +84,7 @@ class Resets:
         if schedule.finished:
             await self._evaluations.finish_if_done(evaluation.id)
             raise finished(evaluation.id)
-        limit = self._episodes.registry.limits.evaluation
+        limit = self._episodes.registry.max_parallel
         trial = schedule.take() if schedule.open < limit else None
         if trial is None:
             raise ConflictError(
@@ -113,9 +93,8 @@ class Resets:
                 "and its twin never together; finish one or ask again later",
                 headers={"Retry-After": "1"},
             )
-        counts, call = evaluation.driven is not None, f"{evaluation.id} {once.key}"
         try:
-            body = await self._begin(_Wanted(caller, address, evaluation.id, counts, trial, encoding, once, call))
+            body = await self._begin(caller, address, evaluation, trial, encoding, once)
         except EvaluationOverError as error:
             raise await self._over(evaluation.id) from error
         except BaseException:
@@ -142,28 +121,43 @@ class Resets:
         """
         self._check_stopping()
         await self._store.check_room(caller.owner, reserve_of([trial]))
-        return await self._begin(_Wanted(caller, address, None, True, trial, encoding, once, f"practice {once.key}"))
+        return await self._begin(caller, address, None, trial, encoding, once)
 
     def _check_stopping(self) -> None:
         if self._episodes.stopping:
             raise stopping()
 
-    async def _begin(self, wanted: _Wanted) -> bytes:
-        caller, registry = wanted.caller, self._episodes.registry
-        runner = caller.submission is not None
-        payer = Payer(caller.holder, caller.owner, None if runner else wanted.address)
-        registry.reserve(payer, practice=wanted.evaluation is None)
+    async def _begin(
+        self,
+        caller: Caller,
+        address: str,
+        evaluation: EvaluationRow | None,
+        trial: Trial,
+        encoding: Encoding,
+        once: IdempotentRequest,
+    ) -> bytes:
+        registry, practice = self._episodes.registry, evaluation is None
+        payer = Payer(caller.holder, caller.owner, None if caller.submission is not None else address)
+        registry.reserve(payer, practice=practice)
         try:
-            return await self._open(wanted, payer)
+            return await self._open(caller, payer, evaluation, trial, encoding, once)
         except BaseException:
-            registry.give_back(payer, practice=wanted.evaluation is None)
+            registry.give_back(payer, practice=practice)
             raise
 
-    async def _open(self, wanted: _Wanted, payer: Payer) -> bytes:
-        trial, track, encoding = wanted.trial, wanted.caller.track, wanted.encoding
-        practice = wanted.evaluation is None
-        episode_id = new_id("ep")
-        bind_contextvars(episode=episode_id, evaluation=wanted.evaluation)
+    async def _open(
+        self,
+        caller: Caller,
+        payer: Payer,
+        evaluation: EvaluationRow | None,
+        trial: Trial,
+        encoding: Encoding,
+        once: IdempotentRequest,
+    ) -> bytes:
+        track, practice, episode_id = caller.track, evaluation is None, new_id("ep")
+        of = None if evaluation is None else evaluation.id
+        counts = evaluation is None or evaluation.driven is not None
+        bind_contextvars(episode=episode_id, evaluation=of)
 
         def reply(observation: bytes) -> Reply:
             return reset_reply(
@@ -176,20 +170,18 @@ class Resets:
                 lease_s=self._episodes.abort_s,
             )
 
-        episode = OpenEpisode(
-            episode_id, payer, wanted.evaluation, trial, track, reply(b""), self._episodes.clock(), wanted.counts
-        )
+        episode = OpenEpisode(episode_id, payer, of, trial, track, reply(b""), self._episodes.clock(), counts)
         async with episode.lock:
             try:
-                result = await self._driver.begin(episode, encoding, wanted.call)
+                result = await self._driver.begin(episode, encoding, f"{of} {once.key}")
             except ReplayFailedError as error:
                 raise UnavailableError(ProblemType.SIMULATOR_FAILED, f"{error}; try again", retry_after_s=5) from error
             episode.last = reply(result.observation)
             body = episode.last.render(encoding)
             row = EpisodeRow(
                 id=episode_id,
-                evaluation_id=wanted.evaluation,
-                agent_id=wanted.caller.id,
+                evaluation_id=of,
+                agent_id=caller.id,
                 trial_id=trial.id,
                 trial=trial.model_dump_json(),
                 track=track.value,
@@ -199,7 +191,7 @@ class Resets:
                 stored_bytes=reserve_of([trial]) if practice else 0,
             )
             try:
-                await self._store.add_episode(row, wanted.once.row(body, 201, encoding))
+                await self._store.add_episode(row, once.row(body, 201, encoding))
             except BaseException:
                 await self._driver.detach(episode)
                 raise

@@ -22,7 +22,6 @@ from wrongturn_service import catalogue
 from wrongturn_service.accounts import detail
 from wrongturn_service.errors import InvalidRequestError, NotFoundError
 from wrongturn_service.evaluation.algorithms import algorithm_rows
-from wrongturn_service.storage.models import AgentRow, EvaluationRow
 from wrongturn_service.storage.store import Store
 
 
@@ -126,23 +125,20 @@ class Leaderboards:
             if evaluation.metrics is None or evaluation.suite_sha256 != suite.sha256:
                 continue
             newest = max(newest or 0.0, evaluation.finished or 0.0)
-            rows.append(_row(evaluation, agent, cancelled.get(agent.id, 0)))
+            rows.append(
+                RankingInput(
+                    agent=detail(agent),
+                    evaluation=evaluation.id,
+                    entry=Entry(evaluation.entry),
+                    metrics=_metrics(evaluation.metrics),
+                    cancelled=cancelled.get(agent.id, 0),
+                )
+            )
         if suite_id not in self._algorithms:  # they do not change while the service runs
             self._algorithms[suite_id] = await asyncio.to_thread(algorithm_rows, suite)
         rows += self._algorithms[suite_id]
         entries = await asyncio.to_thread(rank, rows)
         return Leaderboard(suite=suite_id, sha256=suite.sha256, updated=_iso(newest), entries=tuple(entries))
-
-
-def _row(evaluation: EvaluationRow, agent: AgentRow, cancelled: int = 0) -> RankingInput:
-    assert evaluation.metrics is not None
-    return RankingInput(
-        agent=detail(agent),
-        evaluation=evaluation.id,
-        entry=Entry(evaluation.entry),
-        metrics=_metrics(evaluation.metrics),
-        cancelled=cancelled,
-    )
 
 
 @lru_cache(maxsize=4096)

@@ -8,8 +8,9 @@ all requests that came together in one turn of the event loop; here they take tu
 """
 
 import asyncio
-from collections import deque
-from collections.abc import Callable
+import contextlib
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, cast
@@ -20,7 +21,7 @@ from uvicorn._types import ASGI3Application
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from wrongturn_protocol import ProblemType
-from wrongturn_service.errors import ServiceError, UnavailableError
+from wrongturn_service.errors import ServiceError, UnavailableError, too_many
 from wrongturn_service.logs import LogThrottle
 
 PROGRESS: Final = 65536
@@ -96,6 +97,39 @@ class Guard:
             address=peer[0] if isinstance(peer, tuple) else None,
             **({"others": others} if others else {}),
         )
+
+
+class ConnectionLimits:
+    """Counts connections to ``WS /v1/drive``: at most ``each`` of an agent, and ``address`` from an address."""
+
+    def __init__(self, *, each: int, address: int) -> None:
+        self._each = each
+        self._address = address
+        self.open = 0
+        """Number of open connections."""
+        self._counts: Counter[str] = Counter()
+        """By agent and by address. An id never looks like an address."""
+
+    @contextlib.contextmanager
+    def one(self, agent: str, address: str) -> Iterator[None]:
+        """Count one more connection, opened with an agent's token from an address, until the block ends.
+
+        Raises:
+            UnavailableError: A limit is reached.
+        """
+        for who, whose, most in ((agent, "of this agent", self._each), (address, "from this address", self._address)):
+            if self._counts[who] >= most:
+                raise too_many(
+                    f"{most} connections {whose} are open, which is the limit; one carries any number of episodes, so "
+                    "use it, or close another"
+                )
+        self._counts.update((agent, address))
+        self.open += 1
+        try:
+            yield
+        finally:
+            self.open -= 1
+            self._counts -= Counter((agent, address))
 
 
 class Patience:

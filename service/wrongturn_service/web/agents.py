@@ -9,12 +9,13 @@ from fastapi import APIRouter, Query, Request, Response
 
 from wrongturn_networks import suite_ids
 from wrongturn_protocol import FaultKind, JunctionType, Metrics, ProblemType, Safety, TableCell, Verdict
+from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import detail
 from wrongturn_service.api.dependencies import ServiceDep
 from wrongturn_service.errors import InvalidRequestError, NotFoundError
 from wrongturn_service.storage.finished import FinishedEpisode
-from wrongturn_service.storage.models import EvaluationRow
+from wrongturn_service.storage.models import AgentRow, EvaluationRow
 from wrongturn_service.web import junction_map, words
 from wrongturn_service.web.driven import Pair, driven_evaluation
 from wrongturn_service.web.front import FIRST
@@ -72,12 +73,18 @@ async def agent(
     Without a suite it is the paper's, or the one that was driven last; without an evaluation, the one that counts. Only
     trials with the verdict (or all ``unsafe`` ones), the fault and the junction type are listed.
     """
-    who = detail(await service.accounts.shown_agent(agent))
+    found = await service.accounts.shown(Collection.AGENTS, agent, None)
+    assert isinstance(found, AgentRow)
     # A suite's package may have been uninstalled since.
     rows = [row for row in await service.finished.of_agent(agent) if row.suite in suite_ids()]
     counting = await service.finished.counting(agent)
     row = _shown(rows, suite, evaluation)
-    values: dict[str, Any] = {"agent": who, "suites": _suites(rows), "evaluations": rows[::-1], "words": words}
+    values: dict[str, Any] = {
+        "agent": detail(found),
+        "suites": _suites(rows),
+        "evaluations": rows[::-1],
+        "words": words,
+    }
     values |= {"counting": counting, "finished": finished}
     if row is None:
         wanted = catalogue.suite(suite) if suite else None

@@ -54,7 +54,9 @@ def error_page(request: Request, error: ServiceError) -> Response:
         status=error.status,
         heading=_HEADINGS.get(error.kind) or title(error.kind),
         # Without a route the problem's text speaks of calls.
-        detail="Nothing is at this address. It may have a typing error" if unknown else _sentence(error.detail),
+        detail="Nothing is at this address. It may have a typing error"
+        if unknown
+        else error.detail[:1].upper() + error.detail[1:],
         fields=[_field(field) for field in error.errors],
     )
     response.headers.update(error.headers)
@@ -63,10 +65,6 @@ def error_page(request: Request, error: ServiceError) -> Response:
 
 def _is_of_pages(request: Request) -> bool:
     return request.method in {"GET", "HEAD"} and not request.scope["path"].startswith(_CALLS)
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _field(field: FieldError) -> tuple[str, str]:

@@ -65,14 +65,10 @@ class Standings:
 def standings(
     board: Leaderboard, entries: Sequence[LeaderboardEntry], page: int, *, journeys: bool, paper: bool
 ) -> Standings:
-    """Return one page of a leaderboard.
+    """Return one page of a leaderboard, from 1, with those of its entries that pass the filter.
 
-    Args:
-        board: The leaderboard.
-        entries: Those of its entries that pass the filter.
-        page: Number of the page, from 1.
-        journeys: Whether the suite is one of journeys.
-        paper: Whether the paper's agents are shown, if the suite has figures of the paper.
+    ``journeys`` says whether it is of a suite of journeys, ``paper`` whether the paper's agents are shown where the
+    suite has figures of the paper.
     """
     # Rows over training seeds are never ranked: they stand in a group of their own, after all agents.
     here = sorted(entries, key=lambda entry: entry.seeds is not None)[(page - 1) * ROWS : page * ROWS]
