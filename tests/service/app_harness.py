@@ -75,14 +75,14 @@ def _unrendered_logs() -> contextlib.AbstractContextManager[object]:
 
 @contextlib.asynccontextmanager
 async def application(
-    folder: Path, pool: FakePool, track: str = "privileged", **settings: Any
+    folder: Path, pool: FakePool | None = None, track: str = "privileged", **settings: Any
 ) -> AsyncIterator[httpx.AsyncClient]:
     """Run the application; leases and the queue go by ``http.clock``, which stands still unless the test moves it."""
     database = settings.pop("database", None) or database_at(folder / "a.db")
     given = Settings(database=database, home=folder, **settings)
     clock = Clock()
     with clock.used(), _unrendered_logs():
-        app = create_app(given, pool=pool)
+        app = create_app(given, pool=pool or FakePool())
         async with app.router.lifespan_context(app):
             transport = httpx.ASGITransport(app)
             async with httpx.AsyncClient(transport=transport, base_url="http://test", timeout=120) as http:

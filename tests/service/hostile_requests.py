@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import repeat
 
-from raw_socket import connected, frame, upgrade
+from raw_socket import BINARY, connected, frame, upgrade
 from service_harness import Service
 
 KIB = 1024
@@ -131,7 +131,7 @@ def _socket(*pieces: Iterable[bytes]) -> Callable[[Target], int]:
 
 def _flood(message: bytes, size: int) -> Callable[[Target], int]:
     """Send a message again and again without reading the replies, then close."""
-    return _socket(_times(frame(message), size), [_tiny(_CLOSE)])
+    return _socket(_times(frame(BINARY, message), size), [frame(_CLOSE & 15, b"")])
 
 
 def _close_code(data: bytes) -> int:
@@ -165,10 +165,6 @@ def _times(piece: bytes, size: int) -> Iterable[bytes]:
     return repeat(many, max(1, size // len(many)))
 
 
-def _tiny(kind: int, payload: bytes = b"") -> bytes:
-    return bytes([kind, 0x80 | len(payload)]) + bytes(4) + payload
-
-
 _BOMB = b"\xdd\x00\x00\x3f\xff" * 1000
 """Arrays in arrays, each of which claims 16,383 items."""
 _RECORD = b'{"episode":"ep","steps":-1,"actions_sha256":"","latency_ms":-1}'
@@ -186,6 +182,9 @@ def hostile_requests(size: int) -> list[Hostile]:
     step = "/v1/episodes/ep_none/step"
     results = "/v1/evaluations/{evaluation}/results"
     bearer = "Authorization: Bearer {token}\r\n"
+
+    def part(kind: int) -> bytes:
+        return frame(kind, b"", final=False)
 
     def hostile(name: str, send: Callable[[Target], int], *answers: int) -> Hostile:
         return Hostile(name, send, frozenset(answers))
@@ -229,15 +228,15 @@ def hostile_requests(size: int) -> list[Hostile]:
             431,
         ),
         # Frames
-        hostile("empty parts of a message", _socket([_tiny(0x02)], _times(_tiny(0x00), size)), 1009),
-        hostile("pings", _socket(_times(_tiny(0x89), size)), 1008),
-        hostile("pongs", _socket(_times(_tiny(0x8A, b"none"), size)), 1008),
-        hostile("texts", _socket(_times(_tiny(0x81), size)), 1003),
-        hostile("empty messages", _socket(_times(_tiny(0x82), size)), 1007),
-        hostile("frames that break the rules", _socket(_times(_tiny(0x83), size)), 1002),
-        hostile("a message of 8 MB", _socket([frame(bytes(8 * MIB))]), 1009),
-        hostile("a message that claims gigabytes", _socket([frame(_BOMB)]), 1007),
-        hostile("a request of errors over the socket", _socket([frame(_practise(20000))]), 1007),
+        hostile("empty parts of a message", _socket([part(BINARY)], _times(part(0), size)), 1009),
+        hostile("pings", _socket(_times(frame(9, b""), size)), 1008),
+        hostile("pongs", _socket(_times(frame(10, b"none"), size)), 1008),
+        hostile("texts", _socket(_times(frame(1, b""), size)), 1003),
+        hostile("empty messages", _socket(_times(frame(BINARY, b""), size)), 1007),
+        hostile("frames that break the rules", _socket(_times(frame(3, b""), size)), 1002),
+        hostile("a message of 8 MB", _socket([frame(BINARY, bytes(8 * MIB))]), 1009),
+        hostile("a message that claims gigabytes", _socket([frame(BINARY, _BOMB)]), 1007),
+        hostile("a request of errors over the socket", _socket([frame(BINARY, _practise(20000))]), 1007),
         hostile("steps of no episode", _flood(_steps(1), size // 64), 0, 1005),
         hostile("messages of 256 steps of no episode", _flood(_steps(256), size // 64), 0, 1005),
         hostile("messages of 256 aborts of no episode", _flood(_aborts(256), size // 64), 0, 1005),

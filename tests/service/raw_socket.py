@@ -3,6 +3,7 @@
 import contextlib
 import json
 import socket
+import struct
 from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlsplit
@@ -10,6 +11,8 @@ from urllib.parse import urlsplit
 from service_harness import Service
 
 from wrongturn_protocol import wire
+
+BINARY = 0x2
 
 
 @contextlib.contextmanager
@@ -48,14 +51,18 @@ def upgrade(raw: socket.socket, token: str, **headers: str) -> bytes:
     return head
 
 
-def frame(message: bytes) -> bytes:
-    """One binary frame of a client's, masked by zeros."""
-    size = len(message)
+def frame(kind: int, payload: bytes, *, final: bool = True, mask: bytes = b"\x01\x02\x03\x04") -> bytes:
+    """One frame of a client's."""
+    size = len(payload)
+    first = kind | (0x80 if final else 0)
     if size < 126:
-        return b"\x82" + bytes([0x80 | size]) + bytes(4) + message
-    if size < 65536:
-        return b"\x82\xfe" + size.to_bytes(2, "big") + bytes(4) + message
-    return b"\x82\xff" + size.to_bytes(8, "big") + bytes(4) + message
+        head = bytes([first, 0x80 | size])
+    elif size < 65536:
+        head = struct.pack("!BBH", first, 0xFE, size)
+    else:
+        head = struct.pack("!BBQ", first, 0xFF, size)
+    repeated = int.from_bytes((mask * (size // 4 + 1))[:size], "big")
+    return head + mask + (int.from_bytes(payload, "big") ^ repeated).to_bytes(size, "big")
 
 
 def press(raw: socket.socket, data: memoryview, patience_s: float) -> memoryview:

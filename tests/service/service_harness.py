@@ -27,10 +27,18 @@ def metrics(url: str) -> str:
     return response.text
 
 
-def figure(service: "RunningService", name: str) -> float:
+def figure(service: "Service", name: str) -> float:
     """One of the service's figures; 0 where there is none of that name yet."""
     lines = metrics(service.url).splitlines()
     return next((float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(name + " ")), 0.0)
+
+
+def await_that(condition: Callable[[], bool], message: str, seconds: float = 120) -> None:
+    """Wait until something is so."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, message
+        time.sleep(0.01)
 
 
 class Service:

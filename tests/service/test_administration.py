@@ -9,17 +9,18 @@ from typing import Any
 import httpx
 import pytest
 from app_harness import application, register, step
-from fake_pool import FakePool
 from service_harness import expect, problem
 from sqlalchemy import select
 from stored_evaluation import store_evaluation
 from submission_story import agent, checked, hand_in, handing_in, running, service_of
+from test_paging import pages
 
 from wrongturn_networks import load_suite
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import Base
 
 OPERATOR = "the-operators-own-token"
+BEARER = {"Authorization": f"Bearer {OPERATOR}"}
 SUITE = "smoke@2"
 KEPT = {"audit", "held"}
 """Tables that remember what was deleted."""
@@ -28,14 +29,13 @@ KEPT = {"audit", "held"}
 @contextlib.asynccontextmanager
 async def administered(folder: Path, **settings: Any) -> AsyncIterator[httpx.AsyncClient]:
     """The application with its agent "one", whose token the client sends."""
-    async with application(folder, FakePool(), operator_token=OPERATOR, **settings) as http:
+    async with application(folder, operator_token=OPERATOR, **settings) as http:
         yield http
 
 
 async def admin(http: httpx.AsyncClient, method: str, path: str, **query: object) -> httpx.Response:
-    headers = {"Authorization": f"Bearer {OPERATOR}"}
     params = {name: str(value) for name, value in query.items()}
-    return await http.request(method, f"/v1/admin/{path}", params=params, headers=headers)
+    return await http.request(method, f"/v1/admin/{path}", params=params, headers=BEARER)
 
 
 async def public(http: httpx.AsyncClient, path: str) -> httpx.Response:
@@ -293,15 +293,9 @@ async def test_lists_are_paged_and_filtered(tmp_path: Path) -> None:
         names = [f"agent {number}" for number in range(5)]
         for name in names:
             expect(await register(http, name=name, track="camera"), 201)
-        found: list[str] = []
-        cursor: dict[str, str] = {}
-        while True:
-            page = expect(await admin(http, "GET", "agents", limit=2, **cursor), 200)
-            found += [one["name"] for one in page["items"]]
-            if page["next"] is None:
-                break
-            cursor = {"cursor": page["next"]}
-        assert found == [*reversed(names), "one"]
+        with_token = httpx.AsyncClient(transport=http._transport, base_url="http://test", headers=BEARER)
+        found = await pages(with_token, "/v1/admin/agents", "items", 2)
+        assert [one["name"] for page in found for one in page] == [*reversed(names), "one"]
         assert len(expect(await admin(http, "GET", "agents", name="AGENT"), 200)["items"]) == 5
         assert expect(await admin(http, "GET", "agents", name="%"), 200)["items"] == []
         usage = expect(await admin(http, "GET", "usage", limit=3), 200)
@@ -326,9 +320,8 @@ async def test_tokens_are_revoked(tmp_path: Path) -> None:
         problem(await http.post("/v1/evaluations", json={"suite": SUITE}, headers=headers), 401, "unauthenticated")
         problem(await http.post("/v1/agents", json=body, headers=hers), 401, "unauthenticated")
         # The operator makes new ones, and the log has that too.
-        operator = {"Authorization": f"Bearer {OPERATOR}"}
-        expect(await http.post(f"/v1/agents/{made['id']}/token", headers=operator), 201)
-        expect(await http.post(f"/v1/owners/{owner['id']}/token", headers=operator), 201)
+        expect(await http.post(f"/v1/agents/{made['id']}/token", headers=BEARER), 201)
+        expect(await http.post(f"/v1/owners/{owner['id']}/token", headers=BEARER), 201)
         log = expect(await admin(http, "GET", "audit"), 200)["entries"]
         assert [(entry["action"], entry["name"]) for entry in log] == [
             ("rotate", "ada"),
@@ -340,7 +333,7 @@ async def test_tokens_are_revoked(tmp_path: Path) -> None:
 async def test_a_new_operators_token_needs_no_restart(tmp_path: Path) -> None:
     file = tmp_path / "operator_token"
     file.write_text(f"{OPERATOR}\n")
-    async with application(tmp_path, FakePool(), operator_token_file=file) as http:
+    async with application(tmp_path, operator_token_file=file) as http:
         expect(await admin(http, "GET", "owners"), 200)
         file.write_text("the-operators-next-token\n")
         problem(await admin(http, "GET", "owners"), 401, "unauthenticated")

@@ -15,6 +15,7 @@ from service_harness import GAS, OPERATOR, Agent, RunningService, expect, metric
 from wrongturn_protocol import ProblemType
 
 STEP = {"seq": 1, "action": GAS}
+JUNCTION = {"town": "junctions", "approach": "J1-S", "seed": 1}
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +112,18 @@ def test_text_that_no_database_takes_is_refused(agent: Agent) -> None:
         ({}, 422, "validation", "body"),
         ({"town": "Town01", "approach": "J3-S", "extra": 1}, 422, "validation", "extra"),
         ({"town": "x" * 10_000, "approach": "J3-S"}, 404, "unknown-town", "town"),
+        ({"town": "Town01", "task": "wander"}, 422, "validation", "task"),
+        ({"town": "Town01", "task": "navigation", "fault": "infeasible"}, 422, "validation", "body"),
+        ({"town": "Atlantis", "task": "navigation"}, 404, "unknown-town", "town"),
+        ({"town": "Town01", "task": "navigation", "approach": "J99-S"}, 404, "unknown-approach", "approach"),
+        ({**JUNCTION, "traffic": {"vehicles": -1}}, 422, "validation", "traffic.vehicles"),
+        ({**JUNCTION, "traffic": {"vehicles": 201}}, 422, "validation", "traffic.vehicles"),
+        ({**JUNCTION, "traffic": {"vehicles": 200}}, 422, "validation", "traffic.vehicles"),  # no room
+        ({**JUNCTION, "traffic": {"pedestrians": 1.5}}, 422, "validation", "traffic.pedestrians"),
+        ({**JUNCTION, "traffic": {"pedestrians": "many"}}, 422, "validation", "traffic.pedestrians"),
+        ({**JUNCTION, "traffic": {"bicycles": 1}}, 422, "validation", "traffic.bicycles"),
+        ({**JUNCTION, "traffic": 20}, 422, "validation", "traffic"),
+        ({"suite": "smoke@2", "trial": "x", "traffic": {"vehicles": 5}}, 422, "validation", "body"),
     ],
 )
 def test_a_practice_episode_that_cannot_be(

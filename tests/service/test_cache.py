@@ -24,21 +24,18 @@ async def test_the_work_is_done_once_for_all_who_wait():
     assert made == [1]
 
 
-def test_no_more_than_two_are_made_at_once():
-    async def story() -> None:
-        cache, running, most = Cache(), 0, 0
+async def test_no_more_than_two_are_made_at_once():
+    cache, running, most = Cache(), 0, 0
 
-        async def make() -> None:
-            nonlocal running, most
-            running += 1
-            most = max(most, running)
-            await asyncio.sleep(0.001)
-            running -= 1
+    async def make() -> None:
+        nonlocal running, most
+        running += 1
+        most = max(most, running)
+        await asyncio.sleep(0.001)
+        running -= 1
 
-        await asyncio.gather(*(cache.get(key, make) for key in range(10)))
-        assert most == 2
-
-    asyncio.run(story())
+    await asyncio.gather(*(cache.get(key, make) for key in range(10)))
+    assert most == 2
 
 
 async def test_a_failure_is_not_kept():
@@ -56,27 +53,23 @@ async def test_a_failure_is_not_kept():
     assert len(made) == 2
 
 
-def test_what_is_kept_has_a_size() -> None:
+async def test_what_is_kept_has_a_size() -> None:
     made: list[str] = []
+    kept = Cache(10, size=len)
 
-    async def story() -> None:
-        kept = Cache(10, size=len)
+    async def get(name: str) -> None:
+        async def make() -> str:
+            made.append(name)
+            return name
 
-        async def get(name: str) -> None:
-            async def make() -> str:
-                made.append(name)
-                return name
+        assert await kept.get(name[0], make) == name
 
-            assert await kept.get(name[0], make) == name
-
-        await get("aaaa")
-        await get("bbbb")
-        await get("aaaa")
-        await get("cccc")  # b was not used for longest
-        await get("dddddddddddd")  # too large to be kept
-        assert made == ["aaaa", "bbbb", "cccc", "dddddddddddd"]
-        for name in ("aaaa", "cccc", "bbbb", "dddddddddddd"):
-            await get(name)
-
-    asyncio.run(story())
+    await get("aaaa")
+    await get("bbbb")
+    await get("aaaa")
+    await get("cccc")  # b was not used for longest
+    await get("dddddddddddd")  # too large to be kept
+    assert made == ["aaaa", "bbbb", "cccc", "dddddddddddd"]
+    for name in ("aaaa", "cccc", "bbbb", "dddddddddddd"):
+        await get(name)
     assert made[4:] == ["bbbb", "dddddddddddd"]

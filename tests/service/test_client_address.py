@@ -6,7 +6,6 @@ from typing import Any, cast
 import httpx
 import pytest
 from app_harness import application
-from fake_pool import FakePool
 from service_harness import expect, problem
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -80,7 +79,7 @@ async def test_a_proxy_is_believed_if_it_is_named(trusted: str, forwarded: list[
 
 
 async def test_an_idempotency_key_belongs_to_its_sender(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool(), operator_token="secret") as http:
+    async with application(tmp_path, operator_token="secret") as http:
         headers = {"Idempotency-Key": "guessed"}
         agent = {"name": "mine", "track": "camera"}
         async with behind(http.app, "192.0.2.1") as mine, behind(http.app, "192.0.2.2") as stranger:  # type: ignore[attr-defined]
@@ -98,7 +97,7 @@ async def test_an_idempotency_key_belongs_to_its_sender(tmp_path: Path) -> None:
 
 
 async def test_names_of_shipped_agents_are_for_the_operator(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool(), operator_token="secret") as http:
+    async with application(tmp_path, operator_token="secret") as http:
         del http.headers["Authorization"]
         for name in ("careful", "Carefu1", "PPO image"):
             told = problem(

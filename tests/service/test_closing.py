@@ -1,10 +1,8 @@
 """What is begun counts: one open evaluation, closed by its agent or for its silence, and never a second draw."""
 
 import asyncio
-import contextlib
 import hashlib
 import uuid
-from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +20,6 @@ from wrongturn_service.episodes.evaluations import RunningEvaluations
 from wrongturn_service.storage.store import Store
 
 SUITE = "smoke@2"
-
-
-@contextlib.asynccontextmanager
-async def running(folder: Path, pool: FakePool | None = None, **settings: Any) -> AsyncIterator[httpx.AsyncClient]:
-    async with application(folder, pool or FakePool(), **settings) as http:
-        yield http
 
 
 async def begin(http: httpx.AsyncClient, suite: str = SUITE) -> dict[str, Any]:
@@ -54,7 +46,7 @@ async def drive(http: httpx.AsyncClient, evaluation: str) -> None:
 
 
 async def test_one_open_evaluation_for_each_suite(tmp_path: Path) -> None:
-    async with running(tmp_path) as http:
+    async with application(tmp_path) as http:
         replies = await asyncio.gather(*(http.post("/v1/evaluations", json={"suite": SUITE}) for _ in range(5)))
         (begun,) = [reply.json() for reply in replies if reply.status_code == 201]
         for reply in replies:
@@ -73,7 +65,7 @@ async def test_one_open_evaluation_for_each_suite(tmp_path: Path) -> None:
 async def test_a_suite_shows_its_cells_and_which_draw_its_trials_are(
     suite: str, draw: str, cells: int, tmp_path: Path
 ) -> None:
-    async with running(tmp_path) as http:
+    async with application(tmp_path) as http:
         shown = SuiteDetail.model_validate(expect(await http.get(f"/v1/suites/{suite}"), 200))
         assert shown.cells == load_suite(suite).cells
         assert len(shown.cells) == cells
@@ -84,7 +76,7 @@ async def test_a_suite_shows_its_cells_and_which_draw_its_trials_are(
 
 
 async def test_the_secret_is_promised_first_and_told_last(tmp_path: Path) -> None:
-    async with running(tmp_path) as http:
+    async with application(tmp_path) as http:
         begun = await begin(http)
         assert begun["secret"] is None
         for _ in range(12):
@@ -104,7 +96,7 @@ async def test_the_secret_is_promised_first_and_told_last(tmp_path: Path) -> Non
 
 
 async def test_a_key_does_not_bring_a_deleted_evaluation_back(tmp_path: Path) -> None:
-    async with running(tmp_path) as http:
+    async with application(tmp_path) as http:
         key, of_reset = ({"Idempotency-Key": str(uuid.uuid4())} for _ in range(2))
         body = {"suite": SUITE}
         begun = expect(await http.post("/v1/evaluations", json=body, headers=key), 201)
@@ -123,7 +115,7 @@ async def test_a_key_does_not_bring_a_deleted_evaluation_back(tmp_path: Path) ->
 async def test_before_its_first_step_it_disappears_but_for_its_draw(tmp_path: Path) -> None:
     """Whoever looks at first observations and begins again sees the same trials."""
     pool = FakePool()
-    async with running(tmp_path, pool) as http:
+    async with application(tmp_path, pool) as http:
         store = http.app.state.service.store  # type: ignore[attr-defined]
         first = await begin(http)
         secret = await secret_of(http, first["id"])
@@ -158,7 +150,7 @@ async def test_before_its_first_step_it_disappears_but_for_its_draw(tmp_path: Pa
 
 async def test_after_its_first_step_what_is_missing_counts_as_aborted(tmp_path: Path) -> None:
     pool = FakePool()
-    async with running(tmp_path, pool) as http:
+    async with application(tmp_path, pool) as http:
         begun = (await begin(http))["id"]
         await drive(http, begun)
         stepped, fresh = await reset(http, begun), await reset(http, begun)
@@ -189,7 +181,7 @@ async def test_after_its_first_step_what_is_missing_counts_as_aborted(tmp_path: 
 
 
 async def test_closing_while_a_step_is_under_way(tmp_path: Path) -> None:
-    async with running(tmp_path) as http:
+    async with application(tmp_path) as http:
         for seq in (1, 2):
             begun = (await begin(http))["id"]
             episode = await reset(http, begun)
@@ -210,7 +202,7 @@ async def test_closing_while_a_step_is_under_way(tmp_path: Path) -> None:
 async def test_closing_while_an_episode_begins(tmp_path: Path, driven: bool, late: str, after: bool) -> None:
     """The reset waits at its simulator, or before or after its row is stored, until the evaluation is closed."""
     pool = FakePool()
-    async with running(tmp_path, pool) as http:
+    async with application(tmp_path, pool) as http:
         store = http.app.state.service.store  # type: ignore[attr-defined]
         begun = (await begin(http))["id"]
         if driven:
@@ -239,7 +231,7 @@ async def test_closing_while_an_episode_begins(tmp_path: Path, driven: bool, lat
 
 
 async def test_deleting_while_the_trials_are_laid_out(tmp_path: Path) -> None:
-    async with running(tmp_path) as http:
+    async with application(tmp_path) as http:
         begun = (await begin(http))["id"]
         store = http.app.state.service.store  # type: ignore[attr-defined]
         trials = store.trials_by_state
@@ -258,25 +250,25 @@ async def test_a_service_that_dies_between_closing_and_metrics(tmp_path: Path, m
 
     with monkeypatch.context() as broken:
         broken.setattr(metrics, "compute", lambda *_: 1 / 0)
-        async with running(tmp_path) as http:
+        async with application(tmp_path) as http:
             begun = (await begin(http))["id"]
             await drive(http, begun)
             closed = await close(http, begun)
             assert (closed["state"], closed["finished"], closed["secret"]) == ("running", 12, None)
             problem(await http.post(f"/v1/evaluations/{begun}/episodes"), 409, "evaluation-finished")
             token = http.headers["Authorization"]
-    async with running(tmp_path, registration="operator") as http:
+    async with application(tmp_path, registration="operator") as http:
         http.headers["Authorization"] = token
         told = expect(await http.get(f"/v1/evaluations/{begun}"), 200)
         assert (told["state"], told["finished"]) == ("finished", 12)
 
 
 async def test_the_first_step_counts_though_the_service_dies(tmp_path: Path) -> None:
-    async with running(tmp_path) as http:
+    async with application(tmp_path) as http:
         begun = (await begin(http))["id"]
         expect(await step(http, await reset(http, begun), 1), 200)
         token = http.headers["Authorization"]
-    async with running(tmp_path, registration="operator") as http:
+    async with application(tmp_path, registration="operator") as http:
         http.headers["Authorization"] = token
         assert (await close(http, begun))["state"] == "finished"
 
@@ -300,7 +292,7 @@ async def becomes(http: httpx.AsyncClient, evaluation: str, state: str) -> None:
 async def test_an_idle_evaluation_is_closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(service, "_RETRY_S", 0.01)
 
-    async with running(tmp_path, lease_abort_s=48 * HOUR_S) as http:
+    async with application(tmp_path, lease_abort_s=48 * HOUR_S) as http:
         other = expect(await register(http, name="other", track="privileged"), 201)
         headers = {"Authorization": f"Bearer {other['token']}"}
         untouched = expect(await http.post("/v1/evaluations", json={"suite": SUITE}, headers=headers), 201)
@@ -330,7 +322,7 @@ async def test_a_chore_that_fails_keeps_no_other_from_being_done(
     monkeypatch.setattr(Store, "purge", fail)
     monkeypatch.setattr(RunningEvaluations, "retry", fail)
 
-    async with running(tmp_path) as http:
+    async with application(tmp_path) as http:
         begun = (await begin(http))["id"]
         await drive(http, begun)
         http.clock.now += 25 * HOUR_S  # type: ignore[attr-defined]
@@ -342,7 +334,7 @@ async def test_a_step_a_day_does_not_keep_an_evaluation_open_for_ever(
 ) -> None:
     monkeypatch.setattr(service, "_RETRY_S", 0.01)
 
-    async with running(tmp_path, lease_abort_s=1000 * HOUR_S) as http:
+    async with application(tmp_path, lease_abort_s=1000 * HOUR_S) as http:
         begun = (await begin(http))["id"]
         await drive(http, begun)
         episode = await reset(http, begun)
@@ -358,7 +350,7 @@ async def test_a_restart_is_no_activity_but_gives_an_hour(tmp_path: Path, monkey
     """The database's times count. After a start agents get an hour, for the service may have been away for days."""
     monkeypatch.setattr(service, "_RETRY_S", 0.01)
 
-    async with running(tmp_path) as http:
+    async with application(tmp_path) as http:
         begun = (await begin(http))["id"]
         await drive(http, begun)
         store = http.app.state.service.store  # type: ignore[attr-defined]
@@ -366,7 +358,7 @@ async def test_a_restart_is_no_activity_but_gives_an_hour(tmp_path: Path, monkey
             for table in ("evaluations", "episodes"):
                 await session.execute(text(f"UPDATE {table} SET created = created - 100000"))
             await session.execute(text("UPDATE episodes SET finished = finished - 100000"))
-    async with running(tmp_path, registration="operator") as http:
+    async with application(tmp_path, registration="operator") as http:
         await asyncio.sleep(0.1)
         assert await state_of(http, begun) == "running"
         http.clock.now += HOUR_S  # type: ignore[attr-defined]

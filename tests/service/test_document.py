@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from app_harness import application, play
-from fake_pool import FakePool
+from app_harness import application
 
 from wrongturn_service.api import documents
 
 
-def test_others_are_answered_while_the_document_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_others_are_answered_while_the_document_is_made_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     made, go_on, real = threading.Semaphore(0), threading.Event(), documents.get_openapi
     answered_meanwhile = []
 
@@ -23,17 +24,14 @@ def test_others_are_answered_while_the_document_is_made_once(tmp_path: Path, mon
 
     monkeypatch.setattr(documents, "get_openapi", slow)
 
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
-            asked = [asyncio.create_task(http.get(path)) for path in ("/openapi.json", "/openapi.json", "/docs")]
-            await asyncio.to_thread(made.acquire)
-            assert (await http.get("/health/live")).status_code == 200
-            go_on.set()
-            first, second, page = await asyncio.gather(*asked)
-            assert first.status_code == second.status_code == page.status_code == 200
-            assert first.content == second.content
-            refused = await http.patch("/v1/agents")
-            assert (refused.status_code, refused.headers["allow"]) == (405, "GET, POST")
-
-    play(story)
+    async with application(tmp_path) as http:
+        asked = [asyncio.create_task(http.get(path)) for path in ("/openapi.json", "/openapi.json", "/docs")]
+        await asyncio.to_thread(made.acquire)
+        assert (await http.get("/health/live")).status_code == 200
+        go_on.set()
+        first, second, page = await asyncio.gather(*asked)
+        assert first.status_code == second.status_code == page.status_code == 200
+        assert first.content == second.content
+        refused = await http.patch("/v1/agents")
+        assert (refused.status_code, refused.headers["allow"]) == (405, "GET, POST")
     assert answered_meanwhile == [True]

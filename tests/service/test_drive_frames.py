@@ -1,7 +1,6 @@
 """A message means the same however it comes; what breaks WebSocket's own rules ends the connection, not the drive."""
 
 import socket
-import struct
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,28 +8,14 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from raw_socket import connected, upgrade
-from service_harness import Agent, RunningService
+from raw_socket import BINARY, connected, frame, upgrade
+from service_harness import Agent, RunningService, expect
 
 from wrongturn_protocol import wire
 
-TEXT, BINARY, CLOSE, PING, PONG = 0x1, 0x2, 0x8, 0x9, 0xA
+TEXT, CLOSE, PING, PONG = 0x1, 0x8, 0x9, 0xA
 LIMIT = wire.LARGEST
 LOOKS = [wire.pack_calls(number, [["look", f"none {number}"]]) for number in range(3)]
-
-
-def frame(kind: int, payload: bytes, *, final: bool = True, mask: bytes = b"\x01\x02\x03\x04") -> bytes:
-    """One frame of a client's."""
-    size = len(payload)
-    first = kind | (0x80 if final else 0)
-    if size < 126:
-        head = bytes([first, 0x80 | size])
-    elif size < 65536:
-        head = struct.pack("!BBH", first, 0xFE, size)
-    else:
-        head = struct.pack("!BBQ", first, 0xFF, size)
-    repeated = int.from_bytes((mask * (size // 4 + 1))[:size], "big")
-    return head + mask + (int.from_bytes(payload, "big") ^ repeated).to_bytes(size, "big")
 
 
 def told(raw: socket.socket) -> Iterator[tuple[int, bytes]]:
@@ -100,6 +85,20 @@ def test_a_message_that_trickles_in_is_answered(service: RunningService, agent: 
         assert wire.unpack_results(payload)[0] == 1
 
 
+MALFORMED = {
+    "no calls": b"\x92\x01\x90",
+    "too many calls": wire.pack_calls(1, [["look", "x"]] * (wire.CALLS + 1)),
+    "a number below zero": b"\x92\xff\x91\xc0",
+    "a number too large": b"\x92\xcf" + (2**32).to_bytes(8, "big") + b"\x91\xc0",
+    "true for a number": b"\x92\xc3\x91\xc0",
+    "calls that are a map": b"\x92\x01\x80",
+    "three things": b"\x93\x01\x91\xc0\xc0",
+    "two messages in one": LOOKS[0] * 2,
+    "more after the message": LOOKS[0] + b"\0",
+    "text that is no UTF-8": b"\x92\x01\x91\x92\xa4look\xa1\xff",
+    "an array for a key": b"\x92\x01\x91\x92\xa8practise\x81\x90\x01",
+    "arrays a thousand deep": b"\x92\x01\x91" + b"\x91" * 5000 + b"\xc0",
+}
 HALF = bytes(LIMIT // 2 + 1)
 BROKEN = {
     "a frame without a mask": (b"\x82\x01\x90", 1002, ""),
@@ -116,17 +115,29 @@ BROKEN = {
     "too large in fragments": (frame(BINARY, HALF, final=False) + frame(0, HALF), 1009, "message-too-large"),
     "far too large by its head": (b"\x82\xff" + (3 * LIMIT).to_bytes(8, "big") + b"\x01\x02\x03\x04", 1009, ""),
     "truncated in fragments": (frame(BINARY, LOOKS[0][:3], final=False) + frame(0, b""), 1007, "truncated-message"),
-    "nothing at all": (frame(BINARY, b""), 1007, "truncated-message"),
+    "text": (frame(TEXT, b"text"), 1003, "text-message"),
+    "too large": (frame(BINARY, bytes(LIMIT + 1)), 1009, "message-too-large"),
+    **{f"cut at {at}": (frame(BINARY, LOOKS[0][:at]), 1007, "truncated-message") for at in range(len(LOOKS[0]))},
+    **{name: (frame(BINARY, data), 1007, "malformed-message") for name, data in MALFORMED.items()},
 }
 
 
+@pytest.fixture(scope="module")
+def driver(service: RunningService) -> Iterator[tuple[Agent, str]]:
+    """An agent and its episode, for all that is refused."""
+    with service.agent() as agent:
+        yield agent, agent.practise()["id"]
+
+
 @pytest.mark.parametrize("name", BROKEN)
-def test_what_breaks_the_rules_ends_the_connection(service: RunningService, agent: Agent, name: str) -> None:
-    data, code, kind = BROKEN[name]
-    episode = agent.practise()["id"]
+def test_what_breaks_the_rules_ends_the_connection(
+    service: RunningService, driver: tuple[Agent, str], name: str
+) -> None:
+    (agent, episode), (data, code, kind) = driver, BROKEN[name]
+    seq = expect(agent.http.get(f"/v1/episodes/{episode}"), 200)["seq"] + 1
     with connected(service) as raw:
         upgrade(raw, agent.token)
-        raw.sendall(frame(BINARY, wire.pack_calls(7, [["step", episode, 1, 0.0, 0.5, 0.0]])))
+        raw.sendall(frame(BINARY, wire.pack_calls(7, [["step", episode, seq, 0.0, 0.0, 1.0]])))
         raw.sendall(data)
         frames = list(told(raw))
     *messages, (last, reason) = frames
@@ -134,12 +145,13 @@ def test_what_breaks_the_rules_ends_the_connection(service: RunningService, agen
     results = dict(wire.unpack_results(payload) for sort, payload in messages if sort == BINARY)
     if kind:
         assert reason[2:].decode() == kind
-        ((_, fields),) = results[None]
-        assert fields["type"] == f"/problems/{kind}"
+        ((status, fields),) = results[None]
+        assert (status, fields["type"]) == (413 if code == 1009 else 400, f"/problems/{kind}")
+        assert fields["detail"]
     else:
         assert None not in results
     # What was begun before is not lost by it.
-    assert agent.step(episode, 1, {"steer": 0.0, "throttle": 0.5, "brake": 0.0}).json()["seq"] == 1
+    assert agent.step(episode, seq, {"steer": 0.0, "throttle": 0.0, "brake": 1.0}).json()["seq"] == seq
 
 
 def test_each_code_that_a_mistake_is_closed_with_is_documented() -> None:
@@ -148,41 +160,3 @@ def test_each_code_that_a_mistake_is_closed_with_is_documented() -> None:
     for name, (_, code, kind) in BROKEN.items():
         rows = [row for row in refused.splitlines() if row.startswith("|") and f"| {code} |" in row]
         assert any(f"`{kind}`" in row if kind else row.startswith("| none |") for row in rows), name
-
-
-@pytest.mark.parametrize("length", range(len(LOOKS[0])))
-def test_a_message_cut_anywhere_is_truncated(service: RunningService, agent: Agent, length: int) -> None:
-    with connected(service) as raw:
-        upgrade(raw, agent.token)
-        raw.sendall(frame(BINARY, LOOKS[0][:length]))
-        (_, reply), (_, reason) = told(raw)
-    number, ((status, fields),) = wire.unpack_results(reply)
-    assert (number, status, fields["type"]) == (None, 400, "/problems/truncated-message")
-    assert reason == (1007).to_bytes(2, "big") + b"truncated-message"
-
-
-MALFORMED = {
-    "no calls": b"\x92\x01\x90",
-    "too many calls": wire.pack_calls(1, [["look", "x"]] * (wire.CALLS + 1)),
-    "a number below zero": b"\x92\xff\x91\xc0",
-    "a number too large": b"\x92\xcf" + (2**32).to_bytes(8, "big") + b"\x91\xc0",
-    "true for a number": b"\x92\xc3\x91\xc0",
-    "calls that are a map": b"\x92\x01\x80",
-    "three things": b"\x93\x01\x91\xc0\xc0",
-    "two messages in one": LOOKS[0] * 2,
-    "text that is no UTF-8": b"\x92\x01\x91\x92\xa4look\xa1\xff",
-    "an array for a key": b"\x92\x01\x91\x92\xa8practise\x81\x90\x01",
-    "arrays a thousand deep": b"\x92\x01\x91" + b"\x91" * 5000 + b"\xc0",
-}
-
-
-@pytest.mark.parametrize("name", MALFORMED)
-def test_what_is_no_message_of_calls_is_malformed(service: RunningService, agent: Agent, name: str) -> None:
-    with connected(service) as raw:
-        upgrade(raw, agent.token)
-        raw.sendall(frame(BINARY, MALFORMED[name]))
-        (_, reply), (_, reason) = told(raw)
-    number, ((status, fields),) = wire.unpack_results(reply)
-    assert (number, status, fields["type"]) == (None, 400, "/problems/malformed-message")
-    assert fields["detail"]
-    assert reason == (1007).to_bytes(2, "big") + b"malformed-message"

@@ -1,12 +1,11 @@
 """What the socket refuses, and what becomes of a client that breaks its rules."""
 
 import socket
-from typing import Any
 
 import pytest
 from drive_socket import DriveSocket
 from service_harness import Agent, RunningService, metrics
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from wrongturn_protocol import Problem, wire
@@ -42,31 +41,6 @@ def test_a_handshake_needs_a_token(service: RunningService, headers: dict[str, s
     status, problem, answered = _refused(service, [wire.SUBPROTOCOL], **headers)
     assert (status, problem.type) == (401, "/problems/unauthenticated")
     assert answered["www-authenticate"].startswith("Bearer")
-
-
-MESSAGE = wire.pack_calls(1, [["look", "ep_1"]])
-
-
-@pytest.mark.parametrize(
-    ("message", "kind", "status", "code"),
-    [
-        ("text", "text-message", 400, 1003),
-        (MESSAGE + b"\0", "malformed-message", 400, 1007),
-        (bytes(wire.LARGEST + 1), "message-too-large", 413, 1009),
-    ],
-)
-def test_a_bad_message_is_told_its_name(
-    service: RunningService, agent: Agent, message: Any, kind: str, status: int, code: int
-) -> None:
-    with DriveSocket(service, agent.token) as drive:
-        drive.socket.send(message)
-        number, ((told, fields),) = drive.receive()
-        assert (number, told, fields["type"]) == (None, status, f"/problems/{kind}")
-        assert Problem.model_validate(fields).detail
-        with pytest.raises(ConnectionClosed) as caught:
-            drive.socket.recv(10)
-        assert caught.value.rcvd is not None
-        assert (caught.value.rcvd.code, caught.value.rcvd.reason) == (code, kind)
 
 
 def test_a_frame_cut_short_harms_nobody(service: RunningService, agent: Agent) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import httpx
 import pytest
-from service_harness import COAST, GAS, Agent, RunningService, expect, problem
+from service_harness import GAS, Agent, RunningService, expect, problem
 
 from wrongturn_networks import load_suite
 from wrongturn_protocol import AgentKind, Leaderboard, Metrics
@@ -101,37 +101,11 @@ def test_the_workers_record(finished: dict[str, Any]) -> None:
     problem(agent.http.put(url, json={"episodes": twice}), 422, "validation", f"episodes.{len(record)}.episode")
 
 
-def test_the_leaderboard(service: RunningService, finished: dict[str, Any]) -> None:
-    with httpx.Client(base_url=service.url, timeout=60) as stranger:
-        found = stranger.get("/v1/leaderboards/smoke@2")
-        board = Leaderboard.model_validate_json(found.text)
-        summaries = expect(stranger.get("/v1/leaderboards"), 200)["leaderboards"]
-    entry = next(entry for entry in board.entries if entry.evaluation == finished["evaluation"]["id"])
-    assert entry.agent.name == finished["agent"].name
-    assert entry.agent.description == "drives on"
-    assert entry.entry == "remote"
-    assert board.updated is not None
-    assert {summary["suite"]: summary["entries"] for summary in summaries}["smoke@2"] == len(board.entries)
-
-
 def test_a_leaderboard_without_agents_has_algorithms_alone(service: RunningService) -> None:
     with httpx.Client(base_url=service.url, timeout=60) as stranger:
         board = Leaderboard.model_validate_json(stranger.get("/v1/leaderboards/wrong-command@2").text)
     assert {entry.agent.kind for entry in board.entries} == {AgentKind.ALGORITHM}
     assert board.updated is None
-
-
-def test_only_the_first_finished_evaluation_counts(service: RunningService, finished: dict[str, Any]) -> None:
-    agent: Agent = finished["agent"]
-    second = agent.evaluate()["id"]
-    while (response := agent.reset(second)).status_code == 201:
-        assert agent.http.delete(f"/v1/episodes/{response.json()['id']}").status_code == 204
-    problem(response, 409, "evaluation-finished")
-    detail = expect(agent.http.get(f"/v1/evaluations/{second}"), 200)
-    assert detail["state"] == "finished"
-    assert detail["metrics"]["unsafe"]["count"] == 6
-    board = Leaderboard.model_validate_json(agent.http.get("/v1/leaderboards/smoke@2").text)
-    assert [entry.evaluation for entry in board.entries if entry.agent.id == agent.id] == [finished["evaluation"]["id"]]
 
 
 def test_nothing_is_told_before_the_end(service: RunningService, agent: Agent, other: Agent) -> None:
@@ -149,34 +123,3 @@ def test_nothing_is_told_before_the_end(service: RunningService, agent: Agent, o
     listed = expect(agent.http.get(f"/v1/evaluations/{evaluation}/episodes"), 200)["episodes"]
     assert listed[0]["trial"] is None
     assert expect(agent.http.get(f"/v1/evaluations/{evaluation}"), 200)["metrics"] is None
-
-
-def test_the_way_back_after_a_crash(agent: Agent) -> None:
-    evaluation = agent.evaluate()["id"]
-    reset = expect(agent.reset(evaluation), 201)
-    last = expect(agent.step(reset["id"], 1, COAST), 200)
-    found = expect(agent.http.get(f"/v1/evaluations/{evaluation}/episodes?state=open"), 200)["episodes"]
-    assert [(item["id"], item["seq"], item["last_reply"]) for item in found] == [(reset["id"], 1, last)]
-    assert expect(agent.step(reset["id"], 2, COAST), 200)["seq"] == 2
-    expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)
-    problem(agent.http.get(f"/v1/evaluations/{evaluation}/episodes?state=nope"), 422, "validation", "query.state")
-
-
-def test_a_closed_evaluation_shows_what_was_driven(agent: Agent) -> None:
-    evaluation = agent.evaluate()["id"]
-    episode = expect(agent.reset(evaluation), 201)["id"]
-    expect(agent.step(episode, 1), 200)
-    for _ in range(2):
-        closed = expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)
-        assert (closed["state"], closed["finished"]) == ("finished", 12)
-    assert closed["metrics"]["unsafe"]["count"] == 6
-    shown = expect(agent.http.get(f"/v1/episodes/{episode}"), 200)
-    assert (shown["outcome"]["verdict"], shown["seq"]) == ("aborted", 1)
-    assert hashlib.sha256(agent.trajectory(episode)).hexdigest() == shown["trajectory_sha256"]
-
-
-def test_closing_a_finished_evaluation_changes_nothing(finished: dict[str, Any]) -> None:
-    agent: Agent = finished["agent"]
-    url = f"/v1/evaluations/{finished['evaluation']['id']}"
-    before = expect(agent.http.get(url), 200)
-    assert expect(agent.http.delete(url), 200) == before

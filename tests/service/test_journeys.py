@@ -62,7 +62,7 @@ async def test_from_the_first_reset_to_the_leaderboard(tmp_path: Path) -> None:
 
 
 async def test_the_suite_and_its_trials(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool()) as http:
+    async with application(tmp_path) as http:
         suite = expect(await http.get(f"/v1/suites/{SUITE}"), 200)
         assert (suite["trials"], suite["twins"]) == (6, 0)
         trials = expect(await http.get(f"/v1/suites/{SUITE}/trials"), 200)["trials"]
@@ -106,24 +106,8 @@ async def test_a_journey_that_no_simulator_can_end(tmp_path: Path) -> None:
     ],
 )
 async def test_a_journey_for_practice(tmp_path: Path, body: dict[str, Any], trial: str) -> None:
-    async with application(tmp_path, FakePool()) as http:
+    async with application(tmp_path) as http:
         first = expect(await http.post("/v1/episodes", json=body), 201)
         assert first["trial"].startswith(trial)
         assert expect(await http.post("/v1/episodes", json=body), 201)["trial"] == first["trial"]
         assert expect(await step(http, first["id"], 1, GAS), 200)["reward"] == 1.0
-
-
-@pytest.mark.parametrize(
-    ("body", "status", "kind", "path"),
-    [
-        ({"town": "Town01", "task": "wander"}, 422, "validation", "task"),
-        ({"town": "Town01", "task": "navigation", "fault": "infeasible"}, 422, "validation", "body"),
-        ({"town": "Atlantis", "task": "navigation"}, 404, "unknown-town", "town"),
-        ({"town": "Town01", "task": "navigation", "approach": "J99-S"}, 404, "unknown-approach", "approach"),
-    ],
-)
-async def test_a_journey_that_cannot_be_practised(
-    tmp_path: Path, body: dict[str, Any], status: int, kind: str, path: str
-) -> None:
-    async with application(tmp_path, FakePool()) as http:
-        problem(await http.post("/v1/episodes", json=body), status, kind, path)

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import httpx
 from app_harness import application
-from fake_pool import FakePool
 
 from wrongturn_judge import compute
 from wrongturn_networks import load_suite
@@ -64,7 +63,7 @@ async def page(http: httpx.AsyncClient, path: str = PAGE, status: int = 200) -> 
 
 async def test_hostile_names_are_only_text(tmp_path: Path):
     hostile = "<script>alert(1)</script>\"'"
-    async with application(tmp_path, FakePool()) as http:
+    async with application(tmp_path) as http:
         await add(http, [hostile])
         text = await page(http)
         assert "<script" not in text.replace('<script type="module" src=', "")
@@ -72,7 +71,7 @@ async def test_hostile_names_are_only_text(tmp_path: Path):
 
 
 async def test_a_page_that_did_not_change_is_not_sent_again(tmp_path: Path):
-    async with application(tmp_path, FakePool()) as http:
+    async with application(tmp_path) as http:
         first = await http.get(PAGE)
         again = await http.get(PAGE, headers={"If-None-Match": first.headers["ETag"]})
         assert again.status_code == 304
@@ -84,7 +83,7 @@ async def test_a_page_that_did_not_change_is_not_sent_again(tmp_path: Path):
 
 
 async def test_a_large_field_comes_in_pages(tmp_path: Path):
-    async with application(tmp_path, FakePool()) as http:
+    async with application(tmp_path) as http:
         await add(http, [f"agent {number:03d}" for number in range(230)])
         found: list[str] = []
         for number in (1, 2, 3):
@@ -101,7 +100,7 @@ async def test_a_large_field_comes_in_pages(tmp_path: Path):
 
 
 async def test_the_page_of_handing_in_says_what_this_service_takes(tmp_path: Path):
-    async with application(tmp_path, FakePool(), submissions=0, registration="operator") as http:
+    async with application(tmp_path, submissions=0, registration="operator") as http:
         text = await page(http, "/submit")
         assert "turned submissions off" in text
         assert "Only the operator registers owners here" in text

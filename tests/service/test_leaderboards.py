@@ -65,6 +65,10 @@ async def test_agents_rank_by_counts_of_their_own_draws(tmp_path: Path) -> None:
             ("bad", 2, 6),
         ]
         assert all(entry.unsafe_strict.ci83 is not None for entry in found.entries)
+        assert {entry.entry for entry in found.entries} == {"remote"}
+        assert found.updated is not None
+        summaries = expect(await http.get("/v1/leaderboards"), 200)["leaderboards"]
+        assert [summary["entries"] for summary in summaries if summary["suite"] == SUITE] == [2]
 
 
 async def test_a_leaderboard_comes_as_csv(tmp_path: Path) -> None:

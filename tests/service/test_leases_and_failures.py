@@ -88,37 +88,27 @@ async def test_a_replay_that_differs_is_never_gone_on_with(tmp_path: Path) -> No
 
 async def test_a_few_deaths_are_not_noticed(tmp_path: Path) -> None:
     pool = FakePool()
-    pool.deaths_at_reset += [None] * 2
+    pool.deaths_at_reset += [None]
+    pool.deaths_at_start += [None]
     async with application(tmp_path, pool) as http:
         episode = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
         for seq in range(1, 10):
             if seq in {2, 5}:
                 pool.deaths_at_step += [None] * 2
+            if seq == 6:
+                pool.deaths_at_step += [None]
+                pool.deaths_at_start += [None] * 2
             if seq == 7:
                 pool.deaths_at_step += [None]
                 pool.deaths_at_reset += [None]
+                pool.deaths_at_start += [None]
             assert expect(await step(http, episode, seq), 200)["observation"]["speed"] == seq
+        assert not pool.deaths_at_start
         pool.deaths_at_abort += [None]
         assert (await http.delete(f"/v1/episodes/{episode}")).status_code == 204
         pool.deaths_at_reset += [None] * 3
         problem(await http.post("/v1/episodes", json=PRACTICE), 503, "simulator-failed")
         assert not pool.taken
-
-
-async def test_deaths_while_a_simulator_starts_are_not_noticed(tmp_path: Path) -> None:
-    pool = FakePool()
-    async with application(tmp_path, pool) as http:
-        pool.deaths_at_start += [None] * 2
-        episode = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
-        expect(await step(http, episode, 1), 200)
-        pool.deaths_at_step += [None]
-        pool.deaths_at_start += [None] * 2
-        assert expect(await step(http, episode, 2), 200)["observation"]["speed"] == 2
-        pool.deaths_at_step += [None]
-        pool.deaths_at_start += [None]
-        pool.deaths_at_reset += [None]
-        assert expect(await step(http, episode, 3), 200)["observation"]["speed"] == 3
-        assert not pool.deaths_at_start
 
 
 async def test_simulators_that_never_start_are_told_after_a_few_tries(tmp_path: Path) -> None:
@@ -158,24 +148,8 @@ async def test_an_abort_needs_no_simulator_that_works(tmp_path: Path) -> None:
         assert (shown["outcome"]["verdict"], shown["outcome"]["time"]) == ("aborted", 0.1)
 
 
-async def test_what_the_simulation_refuses(tmp_path: Path) -> None:
-    pool = FakePool()
-    pool.refuse = True
-    async with application(tmp_path, pool) as http:
-        problem(await http.post("/v1/episodes", json=PRACTICE), 422, "fault-not-applicable", "fault")
-        assert not pool.taken
-
-
-async def test_so_many_practice_episodes_and_no_more(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool(), max_open=4) as http:
-        opened = [expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"] for _ in range(2)]
-        problem(await http.post("/v1/episodes", json=PRACTICE), 429, "rate-limited")
-        await http.delete(f"/v1/episodes/{opened[0]}")
-        expect(await http.post("/v1/episodes", json=PRACTICE), 201)
-
-
 async def test_so_many_episodes_of_an_evaluation_and_no_more(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool(), max_parallel=2) as http:
+    async with application(tmp_path, max_parallel=2) as http:
         evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)
         assert evaluation["max_parallel"] == 2
         url = f"/v1/evaluations/{evaluation['id']}/episodes"
@@ -218,7 +192,7 @@ async def test_an_evaluation_in_parallel_never_drives_a_trial_beside_its_twin(tm
 
 
 async def test_so_many_registrations_from_one_address(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool(), registration_limit=2, operator_token="secret") as http:
+    async with application(tmp_path, registration_limit=2, operator_token="secret") as http:
         owner = expect(await register(http, "/v1/owners", name="two"), 201)
         response = await register(http, name="three", track="camera")
         assert "WRONGTURN_REGISTRATION_LIMIT" in problem(response, 429, "rate-limited")["detail"]
@@ -231,16 +205,8 @@ async def test_so_many_registrations_from_one_address(tmp_path: Path) -> None:
         expect(await http.post("/v1/agents", json={"name": "four", "track": "camera"}, headers=headers), 201)
 
 
-async def test_a_service_that_is_about_to_end(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool()) as http:
-        http.app.state.service.episodes.stopping = True  # type: ignore[attr-defined]
-        problem(await http.get("/health/ready"), 503, "shutting-down")
-        problem(await http.post("/v1/episodes", json=PRACTICE), 503, "shutting-down")
-        expect(await http.get("/health/live"), 200)
-
-
 async def test_a_mistake_of_ours_tells_nothing_of_itself(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool()) as http:
+    async with application(tmp_path) as http:
         service = http.app.state.service  # type: ignore[attr-defined]
 
         async def broken() -> None:
@@ -257,7 +223,7 @@ async def test_metrics_that_fail_are_computed_later(tmp_path: Path, monkeypatch:
 
     compute = metrics.compute
 
-    async with application(tmp_path, FakePool()) as http:
+    async with application(tmp_path) as http:
         evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
         monkeypatch.setattr(metrics, "compute", lambda *_: 1 / 0)
         for _ in range(12):

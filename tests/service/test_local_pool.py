@@ -4,11 +4,12 @@ import asyncio
 import contextlib
 import os
 import sys
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from pathlib import Path
 
 import psutil
 import pytest
+from app_harness import until
 
 from wrongturn_protocol import Track
 from wrongturn_service.encoding import Encoding
@@ -167,14 +168,6 @@ async def test_slots_and_what_is_warm() -> None:
         assert pool.running == 2
 
 
-async def test_no_process_outlives_the_pool() -> None:
-    pids: list[int] = []
-
-    async with pool_of(slots=2) as pool:
-        pids.extend([(await pool.acquire("Town01", "a")).process.pid for _ in range(2)])
-    assert not any(map(psutil.pid_exists, pids))
-
-
 async def test_many_that_died_idle_are_found_by_many_at_once() -> None:
     async with pool_of(slots=3) as pool:
         idle = await asyncio.gather(*(pool.acquire("Town01", "a") for _ in range(3)))
@@ -183,7 +176,7 @@ async def test_many_that_died_idle_are_found_by_many_at_once() -> None:
         for simulator in idle:
             simulator.process.kill()
             await asyncio.to_thread(simulator.process.wait)
-        await _until(lambda: all(simulator.dead for simulator in idle))
+        await until(lambda: all(simulator.dead for simulator in idle))
         fresh = await asyncio.gather(*(pool.acquire("Town01", "a") for _ in range(3)))
         assert not {*fresh} & {*idle}
         assert (pool.running, pool.busy) == (3, 3)
@@ -194,7 +187,7 @@ async def test_a_spare_one_takes_the_place_of_one_that_dies() -> None:
         await pool.start()
         assert (pool.running, pool.busy) == (1, 0)
         one, two = await pool.acquire("Town01", "a"), await pool.acquire("Town01", "a")
-        await _until(lambda: pool.running == 3 and pool.idle == 1)
+        await until(lambda: pool.running == 3 and pool.idle == 1)
         with pytest.raises(SimulatorsBusyError, match="all 2"):
             await pool.acquire("Town01", "a")
         with pytest.raises(SimulatorDiedError):
@@ -204,29 +197,14 @@ async def test_a_spare_one_takes_the_place_of_one_that_dies() -> None:
         assert not three.dead
         # It was there before: nobody waited for a start.
         assert (pool.idle, pool.busy) == (0, 2)
-        await _until(lambda: pool.idle == 1)
+        await until(lambda: pool.idle == 1)
+        assert pool.running == 3
+        assert pool.memory() > 3 * 2**20
         for simulator in (one, three):
             await pool.release(simulator)
         assert (pool.running, pool.busy) == (3, 0)
-
-
-async def test_who_has_a_place_gets_the_spare_one_that_is_about_to_be_ready() -> None:
-    async with pool_of(slots=2, spare=1) as pool:
-        await pool.start()
-        held = await asyncio.gather(*(pool.acquire("Town01", "a") for _ in range(2)))
-        assert not any(simulator.dead for simulator in held)
-        await _until(lambda: pool.idle == 1)
-        assert pool.running == 3
-        assert pool.memory() > 3 * 2**20
-    assert pool.memory() == 0
-
-
-async def _until(condition: Callable[[], bool]) -> None:
-    for _ in range(12_000):
-        if condition():
-            return
-        await asyncio.sleep(0.01)
-    raise AssertionError("it did not come to pass")
+    assert pool.memory() == 0, "no process outlives the pool"
+    assert not any(map(psutil.pid_exists, (one.process.pid, three.process.pid)))
 
 
 async def test_who_waits_for_a_start_gets_one_that_is_free_before(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import structlog
 from app_harness import Clock, application
-from fake_pool import FakePool
 from service_harness import expect, problem
 from test_metrics import figures
 
@@ -38,7 +37,7 @@ def test_a_traceback_tells_where_and_no_local_variables() -> None:
 
 async def test_a_flood_of_refusals_does_not_fill_the_log(tmp_path: Path) -> None:
     with structlog.testing.capture_logs() as lines:
-        async with application(tmp_path, FakePool()) as http:
+        async with application(tmp_path) as http:
             for number in range(20):
                 problem(await http.get(f"/nope/{number}"), 404, "unknown-route")
                 problem(

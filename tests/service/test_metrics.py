@@ -67,7 +67,7 @@ async def test_steps_latencies_slots_and_ends(tmp_path: Path) -> None:
 
 
 async def test_each_figure_is_documented_and_nothing_else_and_each_route_bears_its_name(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool()) as http:
+    async with application(tmp_path) as http:
         text = (await http.get("/metrics")).text
         families = {family.name for family in text_string_to_metric_families(text)}
         there = {name for name in families if not name.endswith("_created")}
@@ -87,7 +87,7 @@ async def test_each_figure_is_documented_and_nothing_else_and_each_route_bears_i
 
 
 async def test_scored_verdicts_are_counted_once_their_evaluation_is_finished(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool()) as http:
+    async with application(tmp_path) as http:
         evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
         for driven in range(12):
             assert not [name for name in await figures(http) if "ended_total,true" in name], driven
@@ -139,20 +139,20 @@ def plain(text: str) -> str:
 
 
 async def test_metrics_with_a_token(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool(), metrics_token="read", operator_token="all") as http:
+    async with application(tmp_path, metrics_token="read", operator_token="all") as http:
         problem(await http.get("/metrics"), 401, "unauthenticated")
         for wrong in ("Bearer guess", "Basic read", "read"):
             problem(await http.get("/metrics", headers={"Authorization": wrong}), 401, "unauthenticated")
         for token in ("read", "all"):
             told = await http.get("/metrics", headers={"Authorization": f"Bearer {token}"})
             assert "wrongturn_steps_total" in told.text
-    async with application(tmp_path, FakePool(), registration="operator", operator_token="all") as http:
+    async with application(tmp_path, registration="operator", operator_token="all") as http:
         problem(await http.get("/metrics"), 401, "unauthenticated")
         assert (await http.get("/metrics", headers={"Authorization": "Bearer all"})).is_success
 
 
 async def test_without_a_token_metrics_are_for_the_own_machine(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool()) as http:
+    async with application(tmp_path) as http:
         for name in ("X-Forwarded-For", "Forwarded", "Via", "X-Real-IP"):
             problem(await http.get("/metrics", headers={name: "127.0.0.1"}), 401, "unauthenticated")
         own = ("127.0.0.1", "::1", "::ffff:127.0.0.1")
@@ -166,7 +166,7 @@ async def test_metrics_on_a_port_of_their_own(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     settings = {"metrics_port": port, "metrics_token": "read"}
-    async with application(tmp_path, FakePool(), **settings) as http, httpx.AsyncClient() as reader:
+    async with application(tmp_path, **settings) as http, httpx.AsyncClient() as reader:
         problem(await http.get("/metrics"), 404, "unknown-route")
         problem(await reader.get(f"http://127.0.0.1:{port}/metrics"), 401, "unauthenticated")
         headers = {"Authorization": "Bearer read"}
@@ -175,7 +175,7 @@ async def test_metrics_on_a_port_of_their_own(tmp_path: Path) -> None:
         assert (await reader.get(f"http://127.0.0.1:{port}/v1/suites", headers=headers)).status_code == 404
         (tmp_path / "other").mkdir()
         with pytest.raises(StartupError, match=r"WRONGTURN_METRICS_PORT.* in use"):
-            async with application(tmp_path / "other", FakePool(), **settings):
+            async with application(tmp_path / "other", **settings):
                 pass
     with pytest.raises(ConnectionRefusedError):
         await asyncio.open_connection("127.0.0.1", port)
@@ -204,7 +204,7 @@ async def test_what_the_infrastructure_cut_off(tmp_path: Path) -> None:
         expect(await http.post("/v1/episodes", json=PRACTICE), 201)
     folder = tmp_path / "silent"
     folder.mkdir()
-    async with application(folder, FakePool(), lease_release_s=10, lease_abort_s=600) as http:
+    async with application(folder, lease_release_s=10, lease_abort_s=600) as http:
         expect(await http.post("/v1/episodes", json=PRACTICE), 201)
         service = http.app.state.service
         http.clock.now += 10
@@ -212,15 +212,12 @@ async def test_what_the_infrastructure_cut_off(tmp_path: Path) -> None:
         http.clock.now += 590
         await until(lambda: service.episodes.open == 0)
         assert (await figures(http))["wrongturn_leases_expired_total"] == 1
-    async with application(tmp_path, FakePool(), registration="operator") as http:
+    async with application(tmp_path, registration="operator") as http:
         assert (await figures(http))["wrongturn_episodes_voided_total,service-ended"] == 1
 
 
 async def test_ready_tells_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class SimulatorPool(FakePool):
-        failure: str | None = None  # type: ignore[assignment]
-
-    pool = SimulatorPool()
+    pool = FakePool()
     async with application(tmp_path, pool) as http:
         expect(await http.get("/health/ready"), 200)
         pool.failure = "no libsumo"
@@ -241,11 +238,17 @@ async def test_ready_tells_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyP
             await asyncio.sleep(0.05)
         http.app.state.service.episodes.stopping = True
         problem(await http.get("/health/ready"), 503, "shutting-down")
+        problem(await http.post("/v1/episodes", json=PRACTICE), 503, "shutting-down")
+        expect(await http.get("/health/live"), 200)
 
 
-def test_the_log_carries_the_ids(tmp_path: Path) -> None:
-    async def story() -> None:
-        async with application(tmp_path, FakePool()) as http:
+async def test_the_log_carries_the_ids(tmp_path: Path) -> None:
+    lines: list[dict[str, object]] = []
+    structlog.configure(
+        processors=[structlog.contextvars.merge_contextvars, lambda *now: lines.append(now[2]) or drop()]
+    )
+    try:
+        async with application(tmp_path) as http:
             evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
             response = await http.post(f"/v1/evaluations/{evaluation}/episodes")
             episode = expect(response, 201)["id"]
@@ -260,13 +263,6 @@ def test_the_log_carries_the_ids(tmp_path: Path) -> None:
             registered = next(line for line in lines if line.get("route") == "/v1/agents")
             assert "episode" not in registered
             assert "token" not in json.dumps(lines)
-
-    lines: list[dict[str, object]] = []
-    structlog.configure(
-        processors=[structlog.contextvars.merge_contextvars, lambda *now: lines.append(now[2]) or drop()]
-    )
-    try:
-        play(story)
     finally:
         structlog.reset_defaults()
 

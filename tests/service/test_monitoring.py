@@ -84,12 +84,6 @@ def test_promtool_takes_the_services_metrics(promtool: Callable[..., None], serv
     promtool("check", "metrics", input=metrics(service.url))
 
 
-def test_promtool_takes_the_dashboards_queries(promtool: Callable[..., None], tmp_path: Path) -> None:
-    recorded = [{"record": f"query_{number}", "expr": expr} for number, expr in enumerate(queries())]
-    (tmp_path / "queries.yml").write_text(json.dumps({"groups": [{"name": "dashboard", "rules": recorded}]}))
-    promtool("check", "rules", "queries.yml")
-
-
 def test_the_service_has_each_metric_that_is_asked_for(service: ClockedService) -> None:
     there = {family.name for family in text_string_to_metric_families(metrics(service.url))}
     for asked in (*queries(), *(rule["expr"] for rule in rules())):

@@ -6,7 +6,6 @@ from pathlib import Path
 import httpx
 import pytest
 from app_harness import application, register
-from fake_pool import FakePool
 from service_harness import RunningService, expect, problem
 
 OPERATOR = {"Authorization": "Bearer the-operators-own-token"}
@@ -143,7 +142,7 @@ def test_a_registration_again_by_its_key(http: httpx.Client) -> None:
 
 
 async def test_where_the_operator_registers_owners_they_register_agents(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool(), registration="operator", operator_token="secret") as http:
+    async with application(tmp_path, registration="operator", operator_token="secret") as http:
         body = {"name": "one", "track": "camera"}
         problem(await register(http, **body), 403, "registration-closed")
         problem(await register(http, "/v1/owners", name="us"), 403, "registration-closed")

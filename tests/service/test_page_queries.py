@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from app_harness import application
-from fake_pool import FakePool
 from postgres_server import PostgresServer
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import create_async_engine
@@ -32,7 +31,7 @@ async def test_every_query_has_an_index(postgres: PostgresServer, tmp_path: Path
     url = await asyncio.to_thread(postgres.new_database)
     filled = await fill(url, "smoke@2", 6)
     assert filled.episodes == 6 * 12
-    async with application(tmp_path, FakePool(), database=url) as http:
+    async with application(tmp_path, database=url) as http:
         del http.headers["Authorization"]
         engine = http.app.state.service.store._database._writing  # type: ignore[attr-defined]
         episode = await an_episode(http, filled.evaluations[0])

@@ -28,7 +28,7 @@ async def pages(http: httpx.AsyncClient, path: str, name: str, limit: int, **que
 
 
 async def test_agents_and_owners_by_pages(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool()) as http:
+    async with application(tmp_path) as http:
         for name in ("b", "Da", "c c", "a"):
             expect(await register(http, name=name, track="privileged"), 201)
         names = ["a", "b", "c c", "Da", "one"]
@@ -59,6 +59,7 @@ async def test_episodes_by_pages(tmp_path: Path) -> None:
             assert [item["id"] for page in found for item in page] == driven
         still = await pages(http, url, "episodes", 3, state="open")
         assert [item["id"] for page in still for item in page] == [*driven[:2], *driven[3:]]
+        problem(await http.get(url, params={"state": "nope"}), 422, "validation", "query.state")
 
 
 @pytest.mark.parametrize(

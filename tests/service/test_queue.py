@@ -2,7 +2,6 @@
 
 import pytest
 
-from wrongturn_protocol import ProblemType
 from wrongturn_service.episodes.queue import LONGEST_S, SLACK_S, SimulatorQueue
 from wrongturn_service.errors import UnavailableError
 
@@ -96,26 +95,3 @@ def test_who_is_far_behind_is_asked_to_come_back_later() -> None:
     assert waits[:2] == [1, 1]
     assert waits == sorted(waits)
     assert waits[-1] == LONGEST_S
-
-
-def test_an_agents_own_part_of_the_line() -> None:
-    line = _line(1, each=2)
-    line.enter("holder", "0")
-    _refused(line, "a", "0")
-    _refused(line, "a", "1")
-    error = _refused(line, "a", "2")
-    assert (error.status, error.kind, error.position) == (429, ProblemType.RATE_LIMITED, 1)
-    assert int(error.headers["Retry-After"]) >= 1
-    assert _position(line, "a", "1") == 2
-    assert _position(line, "b", "0") == 2  # before a's second
-
-
-def test_a_line_that_is_full_keeps_no_more_places() -> None:
-    line = _line(1, most=2)
-    line.enter("holder", "0")
-    _refused(line, "a", "0")
-    _refused(line, "b", "0")
-    error = _refused(line, "c", "0")
-    assert (error.status, error.kind) == (503, ProblemType.SIMULATORS_BUSY)
-    assert "the limit" in error.detail
-    assert line.waiting == 2

@@ -10,8 +10,7 @@ import cv2
 import httpx
 import numpy as np
 import pytest
-from app_harness import application, play
-from fake_pool import FakePool
+from app_harness import application
 from service_harness import GAS, Agent, RunningService, expect, problem
 from stored_drive import StoredDrive
 
@@ -110,7 +109,7 @@ def test_pictures_are_shown_to_whom_the_trajectory_is_shown(service: RunningServ
             assert stranger.get(path, headers=known).status_code == 304
 
 
-def test_pictures_wait_for_the_warm_up_and_other_things_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_pictures_wait_for_the_warm_up_and_other_things_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
     begun, go_on = threading.Event(), threading.Event()
     drawn: list[str] = []
 
@@ -120,47 +119,38 @@ def test_pictures_wait_for_the_warm_up_and_other_things_do_not(monkeypatch: pyte
         assert go_on.wait(60)
         raise RuntimeError("the pictures will say what is wrong")
 
-    async def story() -> None:
-        replays = Replays(StoredDrive())
-        background = asyncio.create_task(replays.warm_up())
-        await asyncio.to_thread(begun.wait, 60)
-        sheets = [asyncio.create_task(replays.sheet(name, 0)) for name in ("ep_1", "ep_2", "ep_3")]
-        assert await replays.made("rows", "ep_1", lambda trajectory: bytes(len(trajectory.rows))) == bytes(3)
-        assert not any(task.done() for task in (background, *sheets))
-        go_on.set()
-        assert len(set(await asyncio.gather(*sheets))) == 1
-        await background
-
     monkeypatch.setattr(replays_module, "_draw_a_little", draw_a_little)
-    asyncio.run(story())
+    replays = Replays(StoredDrive())
+    background = asyncio.create_task(replays.warm_up())
+    await asyncio.to_thread(begun.wait, 60)
+    sheets = [asyncio.create_task(replays.sheet(name, 0)) for name in ("ep_1", "ep_2", "ep_3")]
+    assert await replays.made("rows", "ep_1", lambda trajectory: bytes(len(trajectory.rows))) == bytes(3)
+    assert not any(task.done() for task in (background, *sheets))
+    go_on.set()
+    assert len(set(await asyncio.gather(*sheets))) == 1
+    await background
     assert drawn == ["a little"]
 
 
-def test_a_service_warms_up_without_a_request(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+async def test_a_service_warms_up_without_a_request(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     drawn, imported = threading.Event(), []
     monkeypatch.setattr(service_module, "_WARM_UP_AFTER_S", 0.0)
     monkeypatch.setattr(service_module, "import_module", imported.append)
     monkeypatch.setattr(replays_module, "_draw_a_little", drawn.set)
 
-    async def story() -> None:
-        async with application(tmp_path, FakePool()):
-            assert await asyncio.to_thread(drawn.wait, 60)
-
-    play(story)
+    async with application(tmp_path):
+        assert await asyncio.to_thread(drawn.wait, 60)
     assert imported == ["scipy.stats"]
 
 
-def test_the_first_picture_warms_up_if_nobody_has(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_the_first_picture_warms_up_if_nobody_has(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[str] = []
     monkeypatch.setattr(replays_module, "_draw_a_little", lambda: drawn.append("a little"))
 
-    async def story() -> None:
-        replays = Replays(StoredDrive())
-        await replays.sheet("ep_1", 0)
-        await replays.picture("ep_1", None)
-        await replays.warm_up()
-
-    asyncio.run(story())
+    replays = Replays(StoredDrive())
+    await replays.sheet("ep_1", 0)
+    await replays.picture("ep_1", None)
+    await replays.warm_up()
     assert drawn == ["a little"]
 
 

@@ -4,8 +4,7 @@ import asyncio
 import contextlib
 import socket
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -14,8 +13,8 @@ import httpx
 import pytest
 from clocked_service import ClockedService
 from drive_socket import DriveSocket
-from raw_socket import connected, frame, http_problem, press, rest, upgrade
-from service_harness import COAST, Agent, expect, metrics, problem
+from raw_socket import BINARY, connected, frame, http_problem, press, rest, upgrade
+from service_harness import COAST, Agent, await_that, expect, figure, problem
 from websockets.exceptions import InvalidStatus
 
 from wrongturn_protocol import wire
@@ -45,23 +44,11 @@ def strict(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ClockedService]
 
 @pytest.fixture(autouse=True)
 def _alone(strict: ClockedService) -> None:
-    _until(lambda: strict.connections == 0, "connections of the test before are still there")
+    await_that(lambda: strict.connections == 0, "connections of the test before are still there")
 
 
 def _closed(service: ClockedService, reason: str) -> float:
-    return _figure(service, f'wrongturn_connections_closed_total{{reason="{reason}"}}')
-
-
-def _figure(service: ClockedService, name: str) -> float:
-    lines = metrics(service.url).splitlines()
-    return next(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(name + " "))
-
-
-def _until(condition: Callable[[], bool], message: str, seconds: float = 120) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, message
-        time.sleep(0.01)
+    return figure(service, f'wrongturn_connections_closed_total{{reason="{reason}"}}')
 
 
 def _come(raw: socket.socket) -> bytes:
@@ -80,7 +67,7 @@ def test_a_head_that_does_not_come_to_its_end(strict: ClockedService, said: byte
     before = _closed(strict, "slow-request")
     with connected(strict) as raw:
         raw.sendall(said)
-        _until(lambda: strict.connections == 1, "it is not connected")
+        await_that(lambda: strict.connections == 1, "it is not connected")
         strict.pass_time(PATIENCE_S - MARGIN_S)
         assert _come(raw) == b""
         strict.pass_time(MARGIN_S)
@@ -91,7 +78,7 @@ def test_a_head_that_does_not_come_to_its_end(strict: ClockedService, said: byte
 
 def test_a_head_that_comes_byte_by_byte(strict: ClockedService) -> None:
     with connected(strict) as raw:
-        _until(lambda: strict.connections == 1, "it is not connected")
+        await_that(lambda: strict.connections == 1, "it is not connected")
         for byte in b"GET /health/live HTTP/1.1\r\nHost: x"[: int(PATIENCE_S - MARGIN_S)]:
             raw.send(bytes([byte]))
             strict.pass_time(1)
@@ -113,7 +100,7 @@ def test_a_second_head_that_does_not_come(strict: ClockedService) -> None:
 def test_a_body_that_does_not_come_to_its_end(strict: ClockedService) -> None:
     with connected(strict) as raw:
         raw.sendall(b"POST /v1/agents HTTP/1.1\r\nHost: x\r\nContent-Length: 100\r\n\r\n{")
-        _until(lambda: strict.connections == 1, "it is not connected")
+        await_that(lambda: strict.connections == 1, "it is not connected")
         strict.pass_time(PATIENCE_S)
         status, _, told = http_problem(rest(raw))
     assert (status, told["type"]) == (408, "/problems/request-timeout")
@@ -145,7 +132,7 @@ def test_who_never_reads_is_closed_and_its_replies_are_gone(strict: ClockedServi
         episode = agent.practise()["id"]
         expect(agent.step(episode, 1), 200)
         upgrade(raw, agent.token)
-        batch = frame(wire.pack_calls(1, [["step", episode, 1, 0.0, 0.8, 0.0]] * wire.CALLS))
+        batch = frame(BINARY, wire.pack_calls(1, [["step", episode, 1, 0.0, 0.8, 0.0]] * wire.CALLS))
         # The service reads no further once nothing more of its replies fits between them. If it was only slow, its time
         # begins later.
         left = memoryview(batch * 500)
@@ -153,8 +140,8 @@ def test_who_never_reads_is_closed_and_its_replies_are_gone(strict: ClockedServi
             left = press(raw, left, 3)
             assert left
             strict.pass_time(PATIENCE_S)
-        _until(lambda: _closed(strict, "slow-reader") == before + 1, "who never reads stays")
-        _until(lambda: _figure(strict, "wrongturn_sockets") == 0, "its connection counts on")
+        await_that(lambda: _closed(strict, "slow-reader") == before + 1, "who never reads stays")
+        await_that(lambda: figure(strict, "wrongturn_sockets") == 0, "its connection counts on")
         with contextlib.suppress(TimeoutError, ConnectionError):
             raw.settimeout(120)
             rest(raw)
@@ -184,7 +171,7 @@ def test_a_batch_of_look_ups_does_not_keep_out_another_connection(strict: Clocke
         DriveSocket(strict, two.token) as other,
     ):
         many.send(*batch)
-        _until(lambda: bool(begun), "nothing is looked up")
+        await_that(lambda: bool(begun), "nothing is looked up")
         assert other.one("look", "ep_none")[0] == 404
         assert len(begun) == 2
         released.set()
@@ -200,9 +187,9 @@ def test_who_answers_no_ping_is_gone(strict: ClockedService) -> None:
             assert b" 101 " in upgrade(raw, agent.token)
         strict.pass_time(PING_INTERVAL_S)
         strict.pass_time(PING_TIMEOUT_S - MARGIN_S)
-        assert _figure(strict, "wrongturn_sockets") == 2
+        assert figure(strict, "wrongturn_sockets") == 2
         strict.pass_time(MARGIN_S)
-        _until(lambda: _figure(strict, "wrongturn_sockets") == 0, "half-open connections count on")
+        await_that(lambda: figure(strict, "wrongturn_sockets") == 0, "half-open connections count on")
 
 
 def test_so_many_sockets_of_an_agent_and_from_an_address(strict: ClockedService) -> None:
@@ -224,7 +211,7 @@ def test_so_many_sockets_of_an_agent_and_from_an_address(strict: ClockedService)
                 # A proxy on this machine speaks for an address of its own.
                 assert b" 101 " in upgrade(proxied, two.token, X_Forwarded_For="192.0.2.7")
             assert first.one("look", "ep_none")[0] == 404
-        _until(lambda: _figure(strict, "wrongturn_sockets") == 0, "closed connections count on")
+        await_that(lambda: figure(strict, "wrongturn_sockets") == 0, "closed connections count on")
         DriveSocket(strict, one.token).socket.close()
 
 
@@ -251,13 +238,17 @@ def test_too_many_connections(tmp_path: Path) -> None:
         with httpx.Client(base_url=service.url, timeout=60) as http:
             expect(http.get("/health/live"), 200)
             others = [stack.enter_context(connected(service)) for _ in range(2)]
-            _until(lambda: service.connections == 3, "they are not connected")
-            with connected(service) as late:
-                status, headers, told = http_problem(rest(late))
-            assert (status, told["type"]) == (503, "/problems/service-full")
-            assert int(headers["retry-after"]) >= 1
+            await_that(lambda: service.connections == 3, "they are not connected")
+            for _ in range(2):
+                with connected(service) as late:
+                    status, headers, told = http_problem(rest(late))
+                assert (status, told["type"]) == (503, "/problems/service-full")
+                assert int(headers["retry-after"]) >= 1
+            said = [log["reason"] for log in service.logs if log["event"] == "connection closed"]
+            assert said == ["too-many"], "one line for all of them"
             others[0].close()
-            _until(lambda: _answers(service), "a place that is free again is not given")
+            await_that(lambda: _answers(service), "a place that is free again is not given")
+            assert _closed(service, "too-many") >= 2
 
 
 def _answers(service: ClockedService) -> bool:
@@ -309,7 +300,7 @@ def test_a_stop_lets_agents_come_to_their_end_and_begins_nothing(tmp_path: Path)
 
 
 def _stopping(agent: Agent) -> None:
-    _until(lambda: agent.http.get("/health/ready").status_code == 503, "it is ready though it stops")
+    await_that(lambda: agent.http.get("/health/ready").status_code == 503, "it is ready though it stops")
 
 
 def test_a_second_signal_does_not_wait(tmp_path: Path) -> None:

@@ -10,8 +10,9 @@ import sys
 from pathlib import Path
 
 import pytest
+import structlog
 
-from wrongturn_service import cli
+from wrongturn_service import cli, server
 from wrongturn_service.address import AddressError, bind
 from wrongturn_service.settings import PREFIX, Settings
 from wrongturn_service.simulators import check
@@ -138,3 +139,17 @@ def test_a_port_without_the_right_to_it(monkeypatch: pytest.MonkeyPatch) -> None
         bind("127.0.0.1", 80)
     with pytest.raises(AddressError, match="--port 8000: Permission denied"):
         bind("127.0.0.1", 8000)
+
+
+@pytest.mark.parametrize(("limit", "simulators", "kept"), [(1024, 16, 128), (100, 16, 50), (1 << 20, 16, 128)])
+def test_how_many_are_not_for_connections(limit: int, simulators: int, kept: int) -> None:
+    assert server.for_connections(limit, simulators) == limit - kept
+
+
+def test_too_few_are_told_at_the_start() -> None:
+    with structlog.testing.capture_logs() as said:
+        server.warn_if_few(1 << 20, 16, 4096)
+        assert not said
+        server.warn_if_few(1024, 16, 4096)
+    assert said[0]["connections"] == 896
+    assert "to 4224, or set WRONGTURN_MAX_CONNECTIONS to 896" in said[0]["remedy"]

@@ -3,11 +3,10 @@
 import os
 import signal
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from service_harness import GAS, Agent, RunningService, expect, problem
+from service_harness import GAS, Agent, RunningService, expect
 
 from wrongturn_networks import draw_trial, load_town
 from wrongturn_protocol import FaultKind, Track, Traffic
@@ -64,27 +63,3 @@ def test_a_simulator_that_is_killed_among_others(tmp_path: Path) -> None:
     finally:
         if not service.process.stdout.closed:  # type: ignore[union-attr]
             service.kill()
-
-
-@pytest.mark.parametrize(
-    ("traffic", "path"),
-    [
-        ({"vehicles": -1}, "traffic.vehicles"),
-        ({"vehicles": 201}, "traffic.vehicles"),
-        ({"pedestrians": 1.5}, "traffic.pedestrians"),
-        ({"pedestrians": "many"}, "traffic.pedestrians"),
-        ({"bicycles": 1}, "traffic.bicycles"),
-        (20, "traffic"),
-        ({"vehicles": 200}, "traffic.vehicles"),  # no room
-    ],
-)
-def test_counts_that_cannot_be(agent: Agent, traffic: Any, path: str) -> None:
-    response = agent.http.post("/v1/episodes", json=WHERE | {"traffic": traffic})
-    problem(response, 422, "validation", path)
-
-
-def test_a_suites_trial_has_its_own_traffic(agent: Agent) -> None:
-    trials = expect(agent.http.get("/v1/suites/smoke@2/trials"), 200)["trials"]
-    body = {"suite": "smoke@2", "trial": trials[0]["id"], "traffic": CROWD}
-    told = problem(agent.http.post("/v1/episodes", json=body), 422, "validation", "body")
-    assert "traffic" in told["detail"]

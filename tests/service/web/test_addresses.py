@@ -1,7 +1,6 @@
 """Addresses that are wrong, and pages that a browser has already."""
 
 import re
-from html import unescape
 from itertools import product
 from pathlib import Path
 from urllib.parse import urljoin, urlsplit
@@ -9,7 +8,6 @@ from urllib.parse import urljoin, urlsplit
 import httpx
 import pytest
 from app_harness import application, play
-from fake_pool import FakePool
 from pydantic import ValidationError
 from service_harness import problem
 
@@ -20,7 +18,7 @@ BROWSERS = ("text/html", "text/*", "application/xhtml+xml, */*;q=0.1", "Text/HTM
 
 
 async def test_a_reader_with_a_wrong_address_gets_a_page_with_ways_on_and_a_program_a_problem(tmp_path: Path):
-    async with application(tmp_path, FakePool()) as http:
+    async with application(tmp_path) as http:
         for path, accept in product(("/agentz", "/episodes/", "//agents.example/", "/agents/a/b/"), BROWSERS):
             reply = await http.get(f"http://test{path}", headers={"Accept": accept})
             assert reply.status_code == 404
@@ -42,7 +40,7 @@ async def test_a_wrong_value_in_the_address_is_named_in_plain_words(tmp_path: Pa
         ("/?page=0", "page", "give a number from 1 to 1"),
         (f"/submit?suite={'x' * 99}", "suite", "should have at most 80 characters"),
     ]
-    async with application(tmp_path, FakePool()) as http:
+    async with application(tmp_path) as http:
         for address, name, said in wrong:
             reply = await http.get(address, headers={"Accept": "text/html"})
             assert reply.status_code == 422
@@ -53,7 +51,7 @@ async def test_a_wrong_value_in_the_address_is_named_in_plain_words(tmp_path: Pa
 
 
 async def test_a_slash_at_the_end_leads_to_the_page(tmp_path: Path):
-    async with application(tmp_path, FakePool()) as http:
+    async with application(tmp_path) as http:
         for path in ("/agents", "/docs", "/towns/Town01", "/leaderboards/smoke@2"):
             reply = await http.get(f"{path}/?page=1&a=%26")
             way = urljoin(f"/lab{path}/", reply.headers["Location"])
@@ -65,7 +63,7 @@ async def test_a_slash_at_the_end_leads_to_the_page(tmp_path: Path):
 
 
 async def test_what_a_browser_has_is_not_sent_again(tmp_path: Path):
-    async with application(tmp_path, FakePool()) as http:
+    async with application(tmp_path) as http:
         for path in ("/agents", "/static/style.css"):
             await not_sent_again(http, path)
 
@@ -79,30 +77,9 @@ async def not_sent_again(http: httpx.AsyncClient, path: str) -> None:
         assert (await http.get(path, headers={"If-None-Match": other})).status_code == 200, other
 
 
-async def test_pages_link_within_the_folder_in_which_a_proxy_serves_them(tmp_path: Path):
-    """Each link of each page leads somewhere, however long the path before it."""
-    async with application(tmp_path, FakePool()) as http:
-        seen, waiting = set[str](), ["/"]
-        while waiting:
-            path = waiting.pop()
-            seen.add(path)
-            reply = await http.get(path)
-            assert reply.status_code == 200, path
-            if not reply.headers["Content-Type"].startswith("text/html"):
-                continue
-            for link in LINK.findall(reply.text):
-                way = urlsplit(urljoin(f"https://lab.example/deep/{path[1:]}", unescape(link)))
-                assert way.netloc == "lab.example", (path, link)
-                assert way.path.startswith("/deep/"), (path, link)
-                found = way.path.removeprefix("/deep") + (f"?{way.query}" if way.query else "")
-                if found not in seen and found not in waiting:
-                    waiting.append(found)
-        assert {"/", "/agents", "/docs", "/openapi.json", "/static/style.css", "/towns/Town01"} <= seen
-
-
 def test_commands_name_the_public_address(tmp_path: Path):
     async def story(told: str, **settings: str) -> None:
-        async with application(tmp_path, FakePool(), **settings) as http:
+        async with application(tmp_path, **settings) as http:
             for path in ("/submit", "/docs"):
                 assert f"{told}" in (await http.get(path)).text, path
             servers = (await http.get("/openapi.json")).json().get("servers")

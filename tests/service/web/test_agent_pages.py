@@ -8,7 +8,6 @@ from pathlib import Path
 import httpx
 import pytest
 from app_harness import application
-from fake_pool import FakePool
 from journey_suite import SUITE as JOURNEYS
 from journey_suite import put_among_the_suites
 from service_harness import expect
@@ -27,7 +26,7 @@ def leaves_the_road(trial: Trial) -> Outcome:
 
 @asynccontextmanager
 async def site(folder: Path, **settings: object) -> AsyncIterator[httpx.AsyncClient]:
-    async with application(folder, FakePool(), operator_token="the operator", **settings) as http:
+    async with application(folder, operator_token="the operator", **settings) as http:
         del http.headers["Authorization"]
         http.headers.update(HTML)
         http.service = http.app.state.service
@@ -163,9 +162,5 @@ async def test_two_agents_are_compared_at_the_same_approaches(tmp_path: Path):
         assert all(len(set(row.split(" and "))) == 2 for row in others)
         different = await shown(http, f"{path}&only=different")
         assert len(re.findall('<tr><th scope="row">Town01', different)) < len(rows)
-        await shown(http, f"{path}&only=some", 422)
-        await shown(http, f"/leaderboards/wrong-command@2/compare?a={a}&b=leaver", 422)
-        await shown(http, f"/leaderboards/wrong-command@2/compare?a={a}&b=nobody", 404)
-        await shown(http, f"/leaderboards/nothing@1/compare?a={a}&b={b}", 404)
         page = await shown(http, "/leaderboards/smoke@2/compare")
         assert "A comparison needs two agents with a finished evaluation on smoke@2." in page
