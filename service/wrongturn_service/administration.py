@@ -11,7 +11,7 @@ from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.accounts import Accounts
 from wrongturn_service.cache import Cache
 from wrongturn_service.client_address import address_of
-from wrongturn_service.episodes.closings import Closings
+from wrongturn_service.episodes.resets import Closings
 from wrongturn_service.errors import ForbiddenError, InvalidRequestError, unknown
 from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.registration import SHIPPED

@@ -92,7 +92,7 @@ class Registrations:
 
         Without an operator, nobody else could register the shipped agents.
         """
-        shipped = looks_like(name) if self._accounts.has_operator else None
+        shipped = looks_like(name) if self._settings.operator.required else None
         why = misleads(name) if shipped is None else f"the agent {shipped} comes with Wrongturn"
         if why is not None:
             message = f"{name!r} is reserved: {why}; choose another"

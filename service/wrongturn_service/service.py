@@ -14,13 +14,12 @@ from wrongturn_service import catalogue
 from wrongturn_service.accounts import Accounts
 from wrongturn_service.administration import Administration
 from wrongturn_service.cache import Cache
-from wrongturn_service.episodes.closings import Closings
 from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.episodes import Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations
 from wrongturn_service.episodes.open_episode import Registry
 from wrongturn_service.episodes.queue import SimulatorQueue
-from wrongturn_service.episodes.resets import Resets
+from wrongturn_service.episodes.resets import Closings, Resets
 from wrongturn_service.errors import StartupError, UnavailableError
 from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.idempotency import Idempotency

@@ -18,8 +18,8 @@ from service_harness import GAS, expect
 
 from wrongturn_service.app import create_app
 from wrongturn_service.episodes import episodes
-from wrongturn_service.episodes.closings import Closings
 from wrongturn_service.episodes.queue import SimulatorQueue
+from wrongturn_service.episodes.resets import Closings
 from wrongturn_service.settings import Settings
 from wrongturn_service.storage.database import Database
 

@@ -4,6 +4,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import httpx
 import pytest
 
 # The helpers beside these tests are imported by their plain names.
@@ -40,6 +41,13 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
     yield running
     assert running.stop() == 0, running.stderr
     assert '"level": "error"' not in running.stderr, running.stderr
+
+
+@pytest.fixture
+def http(service: RunningService) -> Iterator[httpx.Client]:
+    """A client without a token."""
+    with httpx.Client(base_url=service.url, timeout=60) as http:
+        yield http
 
 
 @pytest.fixture

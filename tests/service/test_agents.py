@@ -5,15 +5,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import httpx
 import pytest
+import service_harness
 from service_harness import Agent, RunningService, expect, problem
 
-OPERATOR = {"Authorization": "Bearer the-operators-own-token"}
-
-
-@pytest.fixture
-def http(service: RunningService):
-    with httpx.Client(base_url=service.url, timeout=60) as http:
-        yield http
+OPERATOR = {"Authorization": f"Bearer {service_harness.OPERATOR}"}
 
 
 def name() -> str:

@@ -75,13 +75,6 @@ async def test_the_suite_and_its_trials(tmp_path: Path) -> None:
         assert practice["trial"] == trials[0]["id"]
 
 
-async def test_all_of_a_suites_journeys_may_be_open_at_once(tmp_path: Path) -> None:
-    async with application(tmp_path, FakePool(slots=8), simulators=8) as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": SUITE}), 201)["id"]
-        for _ in range(6):
-            expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)
-
-
 async def test_a_journey_that_no_simulator_can_end(tmp_path: Path) -> None:
     pool = FakePool()
     async with application(tmp_path, pool) as http:

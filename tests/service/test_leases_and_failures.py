@@ -1,15 +1,13 @@
 """Silent agents, busy and failing simulators, registration's limits: with simulators that only count."""
 
-import asyncio
 from pathlib import Path
 from typing import Any
 
 import pytest
 from app_harness import application, register, step, until
 from fake_pool import FakePool
-from service_harness import COAST, expect, problem
+from service_harness import expect, problem
 
-from wrongturn_protocol import Trial, twin_id
 from wrongturn_service.episodes import driver
 
 PRACTICE = {"town": "Town01", "approach": "J3-S"}
@@ -158,37 +156,6 @@ async def test_so_many_episodes_of_an_evaluation_and_no_more(tmp_path: Path) -> 
         response = await http.post(url)
         problem(response, 409, "no-trial-available")
         assert response.headers["retry-after"] == "1"
-
-
-async def test_an_evaluation_in_parallel_never_drives_a_trial_beside_its_twin(tmp_path: Path) -> None:
-    pool = FakePool(slots=12)
-    async with application(tmp_path, pool, max_parallel=12) as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
-        store = http.app.state.service.store  # type: ignore[attr-defined]
-        pairs: set[str] = set()
-
-        async def work() -> int:
-            driven = 0
-            while True:
-                response = await http.post(f"/v1/evaluations/{evaluation}/episodes")
-                if response.status_code == 409:
-                    if response.json()["type"].endswith("evaluation-finished"):
-                        return driven
-                    await asyncio.sleep(0.01)
-                    continue
-                episode = expect(response, 201)["id"]
-                trial = Trial.model_validate_json((await store.episode(episode)).trial)
-                pair = trial.id if trial.fault.kind == "none" else twin_id(trial)
-                assert pair not in pairs
-                pairs.add(pair)
-                for seq in range(1, 10):
-                    expect(await step(http, episode, seq, COAST), 200)
-                pairs.discard(pair)
-                expect(await step(http, episode, 10, COAST), 200)
-                driven += 1
-
-        assert sum(await asyncio.gather(*(work() for _ in range(8)))) == 12
-        assert pool.most > 1
 
 
 async def test_so_many_registrations_from_one_address(tmp_path: Path) -> None:

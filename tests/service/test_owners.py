@@ -5,20 +5,15 @@ from pathlib import Path
 
 import httpx
 import pytest
+import service_harness
 from app_harness import application, register
-from service_harness import RunningService, expect, problem
+from service_harness import expect, problem
 
-OPERATOR = {"Authorization": "Bearer the-operators-own-token"}
+OPERATOR = {"Authorization": f"Bearer {service_harness.OPERATOR}"}
 
 
 def name() -> str:
     return f"owner {uuid.uuid4().hex[:10]}"
-
-
-@pytest.fixture
-def http(service: RunningService):
-    with httpx.Client(base_url=service.url, timeout=60) as http:
-        yield http
 
 
 def bearer(registered: dict[str, str]) -> dict[str, str]:

@@ -1,16 +1,10 @@
 """The queue for simulators: who is next, what a position means, and whose place is kept."""
 
 import pytest
+from app_harness import Clock
 
 from wrongturn_service.episodes.queue import LONGEST_S, SLACK_S, SimulatorQueue
 from wrongturn_service.errors import UnavailableError
-
-
-class Clock:
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 def _line(slots: int, clock: Clock | None = None, each: int = 64, most: int = 1024) -> SimulatorQueue:

@@ -16,10 +16,11 @@ from fastapi.security.base import SecurityBase
 from pydantic import BaseModel, WithJsonSchema
 
 from wrongturn_protocol import ProblemType
+from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service.accounts import Caller
 from wrongturn_service.api.body import parsed
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.errors import NotFoundError, ServiceError
+from wrongturn_service.errors import ServiceError, unknown
 from wrongturn_service.idempotency import HEADER, IdempotentRequest
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EvaluationRow
@@ -161,7 +162,7 @@ async def owned_by(service: Service, caller: Caller, evaluation_id: str) -> Eval
     """Return an evaluation that the caller may see. Raises NotFoundError, ForbiddenError."""
     row = await service.store.evaluation(evaluation_id)
     if row is None:
-        raise NotFoundError(ProblemType.UNKNOWN_EVALUATION, f"there is no evaluation {evaluation_id[:64]!r}")
+        raise unknown(Collection.EVALUATIONS, evaluation_id)
     caller.check_sees(row)
     return row
 

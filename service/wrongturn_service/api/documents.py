@@ -36,15 +36,10 @@ WORDS: Final[dict[str, dict[str, str]]] = tomllib.loads(
 OBSERVATIONS: Final = {track: f"{track.capitalize()}Observation" for track in Track}
 """Name of each track's schema."""
 _REFERENCE = "#/components/schemas/{model}"
-_BODIES: tuple[type[BaseModel], ...] = (
-    AgentRegistration,
-    EvaluationRequest,
-    OwnerRegistration,
-    PracticeRequest,
-    ResultsRequest,
-    StepRequest,
-)
-_INPUTS: list[tuple[Any, Literal["validation"]]] = [(model, "validation") for model in (*_BODIES, Problem)]
+_INPUTS: list[tuple[Any, Literal["validation"]]] = [
+    *((model, "validation") for model in (AgentRegistration, EvaluationRequest, OwnerRegistration, PracticeRequest)),
+    *((model, "validation") for model in (ResultsRequest, StepRequest, Problem)),
+]
 WITHOUT_TOKEN_TOO: Final[dict[str, Any]] = {"openapi_extra": {"security": [{}]}}
 """Keyword arguments of a route that shows a finished evaluation, or an episode of one, without a token too."""
 _BINARY: Final[dict[str, Any]] = {"schema": {"type": "string", "format": "binary"}}

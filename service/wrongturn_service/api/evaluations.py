@@ -18,6 +18,7 @@ from wrongturn_protocol import (
     ProblemType,
     ResultsRequest,
 )
+from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import Caller
 from wrongturn_service.api.dependencies import (
@@ -37,8 +38,8 @@ from wrongturn_service.api.episodes import episode_detail
 from wrongturn_service.api.paging import PageDep
 from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
-from wrongturn_service.episodes.evaluations import new_evaluation, unknown
-from wrongturn_service.errors import ConflictError, InvalidRequestError, NotFoundError
+from wrongturn_service.episodes.evaluations import new_evaluation
+from wrongturn_service.errors import ConflictError, InvalidRequestError, NotFoundError, unknown
 from wrongturn_service.idempotency import HEADER, IdempotentRequest, StoredReplyError
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import EpisodeRow, EvaluationRow, IdempotencyRow
@@ -213,7 +214,7 @@ async def _visible(service: Service, authorization: str | None, evaluation_id: s
     if row is None or row.state != EvaluationState.FINISHED:
         return await owned_by(service, await service.accounts.caller(authorization), evaluation_id)
     if not await service.store.is_public(row.id) and not await service.accounts.owns(authorization, row.agent_id):
-        raise unknown(evaluation_id)
+        raise unknown(Collection.EVALUATIONS, evaluation_id)
     return row
 
 

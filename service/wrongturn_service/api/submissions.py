@@ -13,7 +13,6 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from wrongturn_networks import Suite
 from wrongturn_protocol import (
-    ProblemType,
     SubmissionDetail,
     SubmissionList,
     SubmissionLog,
@@ -34,7 +33,7 @@ from wrongturn_service.api.paging import PageDep
 from wrongturn_service.client_address import address_of
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.evaluations import check_takes
-from wrongturn_service.errors import ForbiddenError, InvalidRequestError, NotFoundError
+from wrongturn_service.errors import ForbiddenError, InvalidRequestError, unknown
 from wrongturn_service.idempotency import StoredReplyError
 from wrongturn_service.service import Service
 from wrongturn_service.storage.models import SubmissionRow
@@ -200,7 +199,7 @@ async def _known(service: Service, submission: str) -> SubmissionRow:
     await service.submissions.settled([submission])
     row = await service.submissions.rows.get(submission)
     if row is None:
-        raise NotFoundError(ProblemType.UNKNOWN_SUBMISSION, f"there is no submission {submission[:64]!r}")
+        raise unknown(Collection.SUBMISSIONS, submission)
     return row
 
 

@@ -13,7 +13,8 @@ import structlog
 
 from wrongturn_networks import Suite, load_suite
 from wrongturn_protocol import Entry, EpisodeState, EvaluationState, FaultKind, ProblemType, Track, Trial, twin_id
-from wrongturn_service.errors import ConflictError, InvalidRequestError, NotFoundError
+from wrongturn_protocol.vocabulary import Collection
+from wrongturn_service.errors import ConflictError, InvalidRequestError, unknown
 from wrongturn_service.storage.models import EvaluationRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.usage import reserve_of
@@ -117,7 +118,7 @@ class RunningEvaluations:
                 newest = await self._store.evaluation(evaluation.id)
                 if newest is None or newest.state != EvaluationState.RUNNING or evaluation.id in self._closing:
                     self.drop(evaluation.id)
-                    raise unknown(evaluation.id) if newest is None else finished(evaluation.id)
+                    raise unknown(Collection.EVALUATIONS, evaluation.id) if newest is None else finished(evaluation.id)
         return found
 
     def _lock(self, evaluation_id: str) -> asyncio.Lock:
@@ -234,11 +235,6 @@ def cancelled(evaluation: EvaluationRow) -> ConflictError:
         ProblemType.EVALUATION_CANCELLED,
         f"evaluation {evaluation.id} was cancelled; begin another by POST /v1/evaluations",
     )
-
-
-def unknown(evaluation_id: str) -> NotFoundError:
-    """Return the error for calls on an evaluation that does not exist, or was deleted."""
-    return NotFoundError(ProblemType.UNKNOWN_EVALUATION, f"there is no evaluation {evaluation_id[:64]!r}")
 
 
 def finished(evaluation_id: str) -> ConflictError:

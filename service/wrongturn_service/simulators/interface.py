@@ -40,11 +40,7 @@ def in_turn(held: Mapping[str, int], waiting: Iterable[tuple[str, _T]]) -> list[
     return [call for _, call in sorted(ranked, key=lambda one: one[0])]  # equals stay in order of arrival
 
 
-class SimulatorError(Exception):
-    """Base of all errors of simulators."""
-
-
-class SimulatorsBusyError(SimulatorError):
+class SimulatorsBusyError(Exception):
     """Every slot is taken, or no simulator is ready yet."""
 
     def __init__(self, message: str, position: int = 1) -> None:
@@ -53,15 +49,15 @@ class SimulatorsBusyError(SimulatorError):
         """Number of simulators that have to become free, or ready, before it is the caller's turn."""
 
 
-class SimulatorStartError(SimulatorError):
+class SimulatorStartError(Exception):
     """No simulator could be started; the message says why."""
 
 
-class SimulatorDiedError(SimulatorError):
+class SimulatorDiedError(Exception):
     """The simulator ended, hung or failed."""
 
 
-class EpisodeRefusedError(SimulatorError):
+class EpisodeRefusedError(Exception):
     """The trial cannot be driven as asked."""
 
     def __init__(self, name: str, message: str) -> None:

@@ -12,8 +12,8 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from wrongturn_protocol import AgentKind, FieldError, ProblemType, SubmissionState, Track
 from wrongturn_protocol.submissions import NAME, SUITE
-from wrongturn_service.episodes.closings import Closings
 from wrongturn_service.episodes.episodes import Episodes
+from wrongturn_service.episodes.resets import Closings
 from wrongturn_service.errors import ConflictError, ServiceError, UnavailableError, too_many
 from wrongturn_service.settings import Settings
 from wrongturn_service.storage.accounts import AgentNameTakenError

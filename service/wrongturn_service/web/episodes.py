@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from fastapi import APIRouter, Request, Response
 
-from wrongturn_protocol import Outcome, ProblemType, Trial
+from wrongturn_protocol import ProblemType
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import ServiceDep, tagged
 from wrongturn_service.encoding import Encoding
@@ -25,8 +25,6 @@ class Shown(NamedTuple):
     """An episode as the page shows it."""
 
     episode: FinishedEpisode
-    trial: Trial
-    outcome: Outcome
     name: str
     """What the page calls it."""
     moments: list[Moment]
@@ -71,7 +69,7 @@ async def _found(service: Service, episode: str) -> FinishedEpisode:
 
 
 async def _shown(service: Service, episode: FinishedEpisode) -> Shown:
-    trial, outcome = episode.trial, episode.outcome
+    trial = episode.trial
     name = "The twin, without a fault" if trial.is_twin else "The trial, with the fault"
     if trial.journey is not None:
         name = "The journey"
@@ -81,7 +79,7 @@ async def _shown(service: Service, episode: FinishedEpisode) -> Shown:
         town = catalogue.town(trial.town)
         trajectory = await service.replays.trajectory(episode.id)
         check_town(trajectory)
-        found = await asyncio.to_thread(moments, trajectory, outcome, town)
+        found = await asyncio.to_thread(moments, trajectory, episode.outcome, town)
     except ServiceError as error:
         missing = error.detail
-    return Shown(episode, trial, outcome, name, found, missing)
+    return Shown(episode, name, found, missing)

@@ -26,10 +26,7 @@ router = APIRouter(include_in_schema=False)
 FIRST: Final = "wrong-command@2"
 """The suite whose leaderboard is the first page."""
 Filter = Annotated[str, Query(max_length=40)]
-_KINDS: Final = (
-    *(AgentKind.SUBMITTED, AgentKind.REFERENCE, AgentKind.BASELINE),
-    *(AgentKind.EXPLOIT, AgentKind.ALGORITHM),
-)
+_KINDS: Final = (AgentKind.SUBMITTED, AgentKind.REFERENCE, AgentKind.BASELINE, AgentKind.EXPLOIT, AgentKind.ALGORITHM)
 """Kinds in the order of the filter."""
 _GROUP: Final = "wrongturn.figures"
 """Entry points of functions that get the entries, and return a figure as HTML, such as SVG; None if there is none."""
