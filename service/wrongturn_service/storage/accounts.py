@@ -28,8 +28,6 @@ class HolderGoneError(Exception):
 class AccountStore(Queries):
     """Reads and writes owners and agents."""
 
-    # Owners
-
     async def add_owner(self, owner: OwnerRow, reply: IdempotencyRow | None) -> None:
         """Store a new owner. Raises OwnerNameTakenError, QuotaReachedError."""
         async with self._database.write() as session:
@@ -72,8 +70,6 @@ class AccountStore(Queries):
     async def owner_by_token(self, token_sha256: str) -> OwnerRow | None:
         """Return the owner with this token, or None."""
         return await self._one(select(OwnerRow).where(OwnerRow.token_sha256 == token_sha256))
-
-    # Agents
 
     async def add_agent(self, agent: AgentRow, reply: IdempotencyRow | None) -> None:
         """Store a new agent, and its owner if that is new.
@@ -135,8 +131,6 @@ class AccountStore(Queries):
     async def agent_by_token(self, token_sha256: str) -> AgentRow | None:
         """Return the agent with this token, or None."""
         return await self._one(select(AgentRow).where(AgentRow.token_sha256 == token_sha256))
-
-    # Tokens
 
     async def set_token(
         self, holder: OwnerRow | AgentRow, token_sha256: str | None, reply: IdempotencyRow | None = None

@@ -26,8 +26,6 @@ def examine(url: str, home: Path) -> str:
     file = location.file_of(parsed)
     if file is not None:
         return _examine_file(file, home)
-    if parsed.get_backend_name() != "postgresql":
-        return f"{shown} is a kind of database that this check does not know"
     with startup_errors(shown):
         versions, free = asyncio.run(_ask(parsed))
         _check_known(versions)
