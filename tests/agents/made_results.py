@@ -27,14 +27,9 @@ CELLS = tuple((kind, fault) for kind in PAPER_TYPES for fault in (FaultKind.INFE
 def wrong_command(
     agent: str, unsafe: tuple[int, ...], *, opposed: int = 0, twins_failed: int = 0, **more: Any
 ) -> StoredResults:
-    """Return results on the paper's suite.
+    """Return results on the paper's suite: unsafe trials of ten, for each of :data:`CELLS`, and failed twins of sixty.
 
-    Args:
-        agent: Name of the agent.
-        unsafe: Unsafe trials of ten, for each of :data:`CELLS`.
-        opposed: Number of the trials left that took an exit, but drove far on an opposed lane.
-        twins_failed: Number of failed twins, of sixty.
-        more: Other fields of the file.
+    Of the trials left, ``opposed`` took an exit, but drove far on an opposed lane. ``more`` are other fields.
     """
     left = dict(zip(CELLS, unsafe, strict=True))
     trials: dict[str, TrialResult] = {}
@@ -56,14 +51,9 @@ def wrong_command(
 def navigation(
     agent: str, arrived: Mapping[tuple[Task, Condition], int], *, dirty: int = 0, traffic: bool = True, **more: Any
 ) -> StoredResults:
-    """Return results on CoRL's tasks; all 25 routes of a cell that ``arrived`` lacks are completed.
+    """Return results on CoRL's tasks: completed routes of 25, by cell; all of a cell that ``arrived`` lacks.
 
-    Args:
-        agent: Name of the agent.
-        arrived: Completed routes of 25, by cell.
-        dirty: Journeys of each cell that arrived with an infraction.
-        traffic: Whether the trials with other road users were driven too.
-        more: Other fields of the file.
+    ``dirty`` journeys of each cell arrived with an infraction. Without traffic, the trials with others were not driven.
     """
     seen: dict[tuple[Task, Condition], int] = {}
     trials: dict[str, TrialResult] = {}
