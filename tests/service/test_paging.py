@@ -90,7 +90,7 @@ def test_a_cursor_of_another_list(service: ClockedService) -> None:
 
 
 def test_the_client_follows_the_pages(service: ClockedService, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wrongturn_client.rest._PAGE", "2")
+    monkeypatch.setattr("wrongturn_client.rest._PAGE", 2)
     with service.agent(), service.agent(), service.agent(), Client(service.url) as client:
         everybody = client.agents(everybody=True)
         assert len({agent.id for agent in everybody}) == len(everybody) >= 3
