@@ -44,7 +44,7 @@ class Administration(RestCalls, Closing):
                 "these calls need the operator's token: set WRONGTURN_OPERATOR_TOKEN, or WRONGTURN_OPERATOR_TOKEN_FILE "
                 "to a file with it"
             )
-        self._transport = Transport(url or settings.service_url() or settings.DEFAULT_URL, token, timeout=_PATIENCE)
+        self._transport = Transport(url or settings.service_url(), token, timeout=_PATIENCE)
 
     def close(self) -> None:
         """Close the connections."""

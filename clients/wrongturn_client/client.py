@@ -18,7 +18,7 @@ from wrongturn_client.evaluating import evaluate
 from wrongturn_client.evaluation import Episode, EpisodePage, Evaluation, at, plotted, run_lines
 from wrongturn_client.http_drive import HttpCalls, HttpDrive
 from wrongturn_client.policy import Policy, PolicyMaker
-from wrongturn_client.rest import AccountCalls, PublicCalls
+from wrongturn_client.rest import TypedCalls
 from wrongturn_client.transport import JSON, MSGPACK, Progress, Transport, is_proxied, path_of
 from wrongturn_protocol import (
     EpisodeRecord,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class Client(HttpCalls, PublicCalls, AccountCalls):
+class Client(HttpCalls, TypedCalls):
     """Client of one service. Its methods may be called from several threads.
 
     Every method raises :class:`~wrongturn_client.ServiceUnreachableError` if nobody answers, and an
@@ -75,11 +75,7 @@ class Client(HttpCalls, PublicCalls, AccountCalls):
         """
         self._token = settings.token() if token is None else token or None
         self._transport = Transport(
-            url or settings.service_url() or settings.DEFAULT_URL,
-            self._token,
-            transport=transport,
-            timeout=timeout,
-            patience=patience,
+            url or settings.service_url(), self._token, transport=transport, timeout=timeout, patience=patience
         )
         self._media_type = MSGPACK if binary else JSON
 

@@ -169,18 +169,15 @@ def _dialled(url: SplitResult, token: str | None, timeout: float, *, offered: bo
     except InvalidStatus as failure:
         _refused(failure.response, offered=offered)
     except InvalidHandshake as failure:
-        if offered or _ended(failure):
+        # With a forwarder whose service is away, the connection ends within the answer.
+        ended = isinstance(failure, InvalidMessage) and isinstance(failure.__cause__, EOFError)
+        if offered or ended:
             raise ConnectionBrokeError(f"the handshake failed: {failure}") from failure
         raise NotOfferedError(f"no WebSocket at {PATH}: {failure}") from failure
     if connection.subprotocol != SUBPROTOCOL:
         connection.close()
         raise NotOfferedError(f"the WebSocket at {PATH} speaks another protocol than {SUBPROTOCOL}")
     return connection
-
-
-def _ended(failure: InvalidHandshake) -> bool:
-    """Tell whether the connection ended within the answer, as with a forwarder whose service is away."""
-    return isinstance(failure, InvalidMessage) and isinstance(failure.__cause__, EOFError)
 
 
 def _refused(response: Response, *, offered: bool) -> NoReturn:

@@ -54,8 +54,8 @@ class RestCalls:
         return validated(kind, answer.message())
 
 
-class PublicCalls(RestCalls):
-    """What anybody may ask a service."""
+class TypedCalls(RestCalls):
+    """What anybody may ask a service, and what looks after owners, agents and their tokens."""
 
     def live(self) -> bool:
         """Return True if the service's process answers."""
@@ -126,9 +126,7 @@ class PublicCalls(RestCalls):
         """Compare the entries of two agents, each named by its id or name, on a suite with an exact test."""
         return self._get(protocol.Comparison, "leaderboards", suite, "compare", a=a, b=b)
 
-
-class AccountCalls(RestCalls):
-    """Registers owners and agents, and looks after their tokens."""
+    # Owners, agents and their tokens
 
     def register_owner(self, name: str, *, contact: str | None = None) -> protocol.RegisteredOwner:
         """Register an owner, who answers for agents. Its token is shown only now.

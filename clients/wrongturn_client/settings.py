@@ -16,9 +16,9 @@ OPERATOR_TOKEN: Final = "WRONGTURN_OPERATOR_TOKEN"  # noqa: S105 - the variable'
 """Environment variable with the operator's token."""
 
 
-def service_url() -> str | None:
-    """Return ``WRONGTURN_URL``, or None if it is not set."""
-    return os.environ.get("WRONGTURN_URL") or None
+def service_url() -> str:
+    """Return ``WRONGTURN_URL``, or the default URL if it is not set."""
+    return os.environ.get("WRONGTURN_URL") or DEFAULT_URL
 
 
 def token() -> str | None:

@@ -6,6 +6,17 @@ import threading
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
+import httpx
+
+STEPS_OVER_HTTP = 'wrongturn_request_seconds_count{method="POST",route="/v1/episodes/{episode}/step"'
+
+
+def figure(url: str, name: str) -> float:
+    """The sum of the shared service's metrics that begin so."""
+    operator = {"Authorization": "Bearer operator-token-of-the-tests-0123456789"}
+    lines = httpx.get(url + "/metrics", headers=operator, timeout=60).raise_for_status().text.splitlines()
+    return sum(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(name))
+
 
 class Forwarder:
     """What lies between client and service; it can be cut, and counts how often it was plugged in."""

@@ -10,7 +10,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 import httpx
 import numpy as np
 import pytest
-from client_forwarder import Forwarder
+from client_forwarder import STEPS_OVER_HTTP, Forwarder, figure
 
 from wrongturn_client import (
     Action,
@@ -98,25 +98,17 @@ def test_too_many_steps_for_a_message_are_refused_here(client: Client) -> None:
 
 
 def test_an_evaluation_goes_by_the_socket(client: Client) -> None:
-    before = _stepped_over_http(client.url)
+    before = figure(client.url, STEPS_OVER_HTTP)
     told: list[int] = []
     evaluation = client.evaluate(Gas(), "smoke@2", parallel=3, progress=lambda done, of: told.append(done))
     assert evaluation.state is EvaluationState.FINISHED
     assert told == list(range(13))
-    assert _stepped_over_http(client.url) == before
+    assert figure(client.url, STEPS_OVER_HTTP) == before
     assert evaluation.metrics is not None
     assert evaluation.metrics.unsafe.trials == 6
     assert evaluation.id in {entry.evaluation for entry in client.leaderboard("smoke@2").entries}
     with pytest.raises(EvaluationFinishedError):
         client.next_episode(evaluation.id)
-
-
-def _stepped_over_http(url: str) -> float:
-    """Steps over HTTP so far."""
-    operator = {"Authorization": "Bearer operator-token-of-the-tests-0123456789"}  # of the shared service
-    lines = httpx.get(url + "/metrics", headers=operator, timeout=60).raise_for_status().text.splitlines()
-    wanted = 'wrongturn_request_seconds_count{method="POST",route="/v1/episodes/{episode}/step"'
-    return sum(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(wanted))
 
 
 def test_an_evaluation_goes_on_after_each_cut(client: Client, forwarder: Forwarder) -> None:

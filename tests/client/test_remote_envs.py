@@ -6,25 +6,17 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from typing import Any
 
-import httpx
 import numpy as np
 import pytest
-from client_forwarder import Forwarder
+from client_forwarder import Forwarder, figure
 
 from wrongturn_client import LocalService, RemoteEnv, RemoteVectorEnv, WrongturnError
 
 GAS = np.float32([0.1, 0.8, 0.0])
-STEPS = 'wrongturn_request_seconds_count{method="POST",route="/v1/episodes/{episode}/step"'
 
 
 def _gas(number: int) -> Any:
     return np.tile(GAS, (number, 1))
-
-
-def _figure(url: str, name: str) -> float:
-    operator = {"Authorization": "Bearer operator-token-of-the-tests-0123456789"}  # of the shared service
-    lines = httpx.get(url + "/metrics", headers=operator, timeout=60).text.splitlines()
-    return sum(float(line.rsplit(" ", 1)[1]) for line in lines if line.startswith(name))
 
 
 @pytest.fixture
@@ -80,9 +72,9 @@ def test_stable_baselines_learns_over_the_wire(service: LocalService) -> None:
     from wrongturn_agents.training import WrongturnVecEnv
 
     envs = WrongturnVecEnv(2, url=service.url, town="junctions", track="privileged", render_mode="rgb_array")
-    before = _figure(service.url, "wrongturn_steps_total")
+    before = figure(service.url, "wrongturn_steps_total")
     ppo("MultiInputPolicy", envs, n_steps=16, batch_size=16, n_epochs=1, seed=1, device="cpu").learn(64)
-    assert _figure(service.url, "wrongturn_steps_total") - before == 64
+    assert figure(service.url, "wrongturn_steps_total") - before == 64
     envs.seed(3)
     envs.reset()
     assert envs.render().shape == (960, 864, 3)

@@ -22,9 +22,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService
         operator_token=OPERATOR,
         submissions=1,
         registration_limit=100_000,
-        max_open=500,  # each example practises, and their leases end late
         simulators=2,
-        lease_release_s=0.5,
     )
     if not running.ready:
         running.kill()
