@@ -1,7 +1,9 @@
 """What all tests share: their order, who runs them, their examples, and what services and clients need not do."""
 
+import asyncio
 import functools
 import gc
+import inspect
 import os
 from collections.abc import Generator, Iterator
 from typing import Any
@@ -100,6 +102,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return len(groups) + (item.path not in slow) if group is None else groups.index(group)
 
     items.sort(key=turn)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """Run a test that is a coroutine in an event loop of its own."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    names = inspect.signature(pyfuncitem.obj).parameters
+    asyncio.run(pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in names}))
+    return True
 
 
 @pytest.fixture(scope="session")

@@ -35,33 +35,24 @@ class Slow:
         return GAS
 
 
-def test_calls_are_answered_while_others_wait() -> None:
+async def test_calls_are_answered_while_others_wait() -> None:
     fake = FakeService(parallel=2)
-
-    async def story() -> None:
-        async with AsyncClient("http://fake", "t", transport=fake.transport) as client:
-            evaluation, suites = await asyncio.gather(client.evaluate(Slow(), "smoke@2"), client.suites())
-            assert evaluation.finished == evaluation.trials
-            assert [suite.id for suite in suites] == ["smoke@2"]
-
-    asyncio.run(story())
+    async with AsyncClient("http://fake", "t", transport=fake.transport) as client:
+        evaluation, suites = await asyncio.gather(client.evaluate(Slow(), "smoke@2"), client.suites())
+    assert evaluation.finished == evaluation.trials
+    assert [suite.id for suite in suites] == ["smoke@2"]
 
 
-def test_it_drives_over_the_socket(service: LocalService) -> None:
-    async def story() -> None:
-        async with AsyncClient(service.url) as anybody:
-            agent = await anybody.register(f"async {np.random.default_rng().integers(2**40)}", Track.PRIVILEGED)
-        async with AsyncClient(service.url, agent.token) as client, await client.drive() as drive:
-            begun = [
-                await drive.practise(PracticeRequest(town="Town01", approach="J3-S", seed=seed)) for seed in (1, 2)
-            ]
-            for seq in (1, 2):
-                replies = await drive.steps([(episode.id, seq, GAS) for episode in begun])
-                assert [reply.seq for reply in replies if not isinstance(reply, Exception)] == [seq, seq]
-            assert (await drive.episode(begun[0].id)).seq == 2
-            for episode in begun:
-                await drive.abort_episode(episode.id)
-            with pytest.raises(NotFoundError):
-                await drive.step("ep_none", 1, GAS)
-
-    asyncio.run(story())
+async def test_it_drives_over_the_socket(service: LocalService) -> None:
+    async with AsyncClient(service.url) as anybody:
+        agent = await anybody.register(f"async {np.random.default_rng().integers(2**40)}", Track.PRIVILEGED)
+    async with AsyncClient(service.url, agent.token) as client, await client.drive() as drive:
+        begun = [await drive.practise(PracticeRequest(town="Town01", approach="J3-S", seed=seed)) for seed in (1, 2)]
+        for seq in (1, 2):
+            replies = await drive.steps([(episode.id, seq, GAS) for episode in begun])
+            assert [reply.seq for reply in replies if not isinstance(reply, Exception)] == [seq, seq]
+        assert (await drive.episode(begun[0].id)).seq == 2
+        for episode in begun:
+            await drive.abort_episode(episode.id)
+        with pytest.raises(NotFoundError):
+            await drive.step("ep_none", 1, GAS)

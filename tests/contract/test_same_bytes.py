@@ -41,6 +41,8 @@ AT_JUNCTIONS = [
     *(Drive(SUITE, trial, Track.PRIVILEGED) for trial in TRIALS),
     *(Drive(SUITE, trial, Track.SEGMENTATION) for trial in PICTURED),
 ]
+ELSEWHERE = AT_JUNCTIONS[::3]
+"""Driven in another process too."""
 DRIVES = [
     *AT_JUNCTIONS,
     Drive(JOURNEYS, STRAIGHT_ON, Track.PRIVILEGED),
@@ -83,11 +85,11 @@ def digests(drives: list[Drive]) -> list[str]:
 
 
 def test_in_two_processes() -> None:
-    here = digests(AT_JUNCTIONS)
+    here = digests(ELSEWHERE)
     # In the other order, so that what was driven before would show.
     command = (
         f"import sys, runpy; sys.path[:0] = {[folder for folder in sys.path if folder]!r}; "
-        "names = runpy.run_path(sys.argv[1]); print('\\n'.join(names['digests'](names['AT_JUNCTIONS'][::-1])))"
+        "names = runpy.run_path(sys.argv[1]); print('\\n'.join(names['digests'](names['ELSEWHERE'][::-1])))"
     )
     there = subprocess.run(
         [sys.executable, "-c", command, __file__], capture_output=True, text=True, check=True, timeout=120

@@ -1,5 +1,3 @@
-import asyncio
-import inspect
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,16 +12,6 @@ sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("sandbox", "
 
 from postgres_server import PostgresServer, running_server
 from service_harness import OPERATOR, Agent, RunningService
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
-    """Run a test that is a coroutine in an event loop of its own."""
-    if not inspect.iscoroutinefunction(pyfuncitem.obj):
-        return None
-    names = inspect.signature(pyfuncitem.obj).parameters
-    asyncio.run(pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in names}))
-    return True
 
 
 @pytest.fixture(scope="session")
