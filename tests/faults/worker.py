@@ -71,7 +71,8 @@ class WatchedClient(Client):
         if self._channel == HTTP:
             connection = WatchedHttpDrive(self, 120.0, parallel)
         else:
-            connection = WatchedDrive(urlsplit(self.url), self._token, patience=120.0)
+            contact = self._transport.contact
+            connection = WatchedDrive(urlsplit(self.url), self._token, timeout=30.0, patience=120.0, contact=contact)
         connection.journal = self._journal
         return connection
 
