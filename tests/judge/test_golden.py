@@ -4,13 +4,14 @@ import json
 from pathlib import Path
 
 import pytest
+from golden_drives import FOLDER, GOLDEN
 from handmade_junction import junction, mirrored, mirrored_rows, mirrored_trial, verdict_of
 
 from wrongturn_judge import judge
 from wrongturn_judge.trajectory import Trajectory
 from wrongturn_protocol import Flag, Outcome, Reaction, Verdict
 
-FILES = sorted((Path(__file__).parent / "golden").glob("*.json"))
+FILES = sorted(FOLDER.glob("*.json"))
 EXPECTED = {
     "exit-commanded-left": (Verdict.EXIT_COMMANDED, None, ()),
     "exit-route-overrides": (Verdict.EXIT_ROUTE, Reaction.OVERRODE, ()),
@@ -26,7 +27,7 @@ EXPECTED = {
 
 
 def test_every_record_is_expected() -> None:
-    assert {path.stem for path in FILES} == set(EXPECTED)
+    assert {path.stem for path in FILES} == set(GOLDEN) == set(EXPECTED)
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
