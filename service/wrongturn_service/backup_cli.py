@@ -76,6 +76,8 @@ def restore(
     settings = read_settings(database=database)
     if file == _STREAM and not yes:
         raise typer.BadParameter("stdin is the backup, so it cannot answer the question: give --yes", param_hint="FILE")
+    if file != _STREAM and not file.is_file():
+        raise typer.BadParameter(f"{file} is no file; name one that 'wrongturn backup' wrote", param_hint="FILE")
     if not yes:
         typer.confirm(f"Replace everything in {settings.database_url.rsplit('@', 1)[-1]}?", abort=True)
     try:

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 if TYPE_CHECKING:
+    from pydantic import ValidationError
+
     from wrongturn_service.settings import Settings
 
 _USAGE = 2
@@ -85,14 +87,23 @@ def read_settings(**given: Any) -> "Settings":
     """
     from pydantic import ValidationError  # noqa: PLC0415
 
-    from wrongturn_service.settings import PREFIX, Settings  # noqa: PLC0415
+    from wrongturn_service.settings import Settings  # noqa: PLC0415
 
     try:
         return Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
-        for item in error.errors(include_url=False, include_input=False):
-            typer.echo(f"{PREFIX}{'.'.join(map(str, item['loc'])).upper()}: {item['msg']}", err=True)
+        typer.echo("\n".join(wrong_settings(error)), err=True)
         raise typer.Exit(_USAGE) from None
+
+
+def wrong_settings(error: "ValidationError") -> Iterator[str]:
+    """Yield a line for each wrong setting. One whose default follows from a wrong one is not wrong itself."""
+    from wrongturn_service.settings import PREFIX  # noqa: PLC0415
+
+    for item in error.errors(include_url=False, include_input=False):
+        if item["type"] != "default_factory_not_called":
+            message = item["msg"].removeprefix("Value error, ")
+            yield f"{PREFIX}{'.'.join(map(str, item['loc'])).upper()}: {message}"
 
 
 def _stop_with_parent() -> None:
@@ -128,8 +139,7 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
     try:
         settings = Settings()
     except ValidationError as error:
-        names = ", ".join(f"WRONGTURN_{'.'.join(map(str, item['loc'])).upper()}" for item in error.errors())
-        yield "settings", False, names, "correct these variables, see docs/settings.md"
+        yield "settings", False, "\n".join(wrong_settings(error)), "correct these variables, see docs/settings.md"
         return
     machine = Machine()
     yield (

@@ -174,7 +174,7 @@ async def test_metrics_on_a_port_of_their_own(tmp_path: Path) -> None:
         assert "wrongturn_open_episodes 0.0" in told.text
         assert (await reader.get(f"http://127.0.0.1:{port}/v1/suites", headers=headers)).status_code == 404
         (tmp_path / "other").mkdir()
-        with pytest.raises(StartupError, match=r"WRONGTURN_METRICS_PORT.* in use"):
+        with pytest.raises(StartupError, match=r"^WRONGTURN_METRICS_PORT: \d+: is in use on .*; name another port$"):
             async with application(tmp_path / "other", **settings):
                 pass
     with pytest.raises(ConnectionRefusedError):

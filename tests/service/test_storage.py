@@ -55,7 +55,7 @@ def agent_row(name: str = "one") -> AgentRow:
         ("sqlite+aiosqlite:///:memory:", "has to be a file"),
         (
             "sqlite+aiosqlite:///{folder}/newer.db",
-            "made by another version of Wrongturn .*; upgrade Wrongturn, or name",
+            "made by another version of Wrongturn .*; use that version, or name",
         ),
         ("nonsense", "is not a database URL"),
         ("oracle://x", "cannot be used"),

@@ -173,7 +173,7 @@ def startup_errors(shown: str) -> Iterator[None]:
     except CommandError as error:
         raise StartupError(
             f"the database {shown} was made by another version of Wrongturn ({error}); "
-            f"upgrade Wrongturn, or name another database by {location.NAMED_BY}"
+            f"use that version, or name another database by {location.NAMED_BY}"
         ) from error
     except (SQLAlchemyError, sqlite3.Error, OSError, ModuleNotFoundError) as error:
         reason = str(getattr(error, "orig", None) or error).splitlines()[0]
