@@ -1,9 +1,10 @@
 """Lists of suites and towns for the command line, without a service."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from wrongturn_networks import loading, suites
 from wrongturn_networks.errors import NetworkError
+from wrongturn_networks.faults import left_out_faults
 from wrongturn_networks.loading import load_town, town_names
 from wrongturn_networks.suites import load_suite, suite_ids
 from wrongturn_protocol import SuiteSummary, TownSummary
@@ -29,5 +30,10 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
             yield what, False, str(error), remedy
         else:
             yield what, bool(found), f"{len(found)} found, checksums right", remedy
-        for label, reason in shelf.left_out.items():
-            yield what, False, f"{label} is left out: {reason}", "repair or remove its package"
+        yield from _left_out(what, shelf.left_out)
+    yield from _left_out("faults", left_out_faults())
+
+
+def _left_out(what: str, reasons: Mapping[str, str]) -> Iterator[tuple[str, bool, str, str]]:
+    for label, reason in reasons.items():
+        yield what, False, f"{label} is left out: {reason}", "repair or remove its package"

@@ -9,7 +9,7 @@ import logging
 from collections.abc import Callable, Iterable
 from importlib import metadata
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from wrongturn_networks.errors import UnknownNameError
 
@@ -53,19 +53,33 @@ class Shelf(Generic[_T]):
     def _others(self) -> dict[str, Path]:
         """Paths of other packages. Each is read at once: a broken one is named here, and does no harm later."""
         found: dict[str, Path] = {}
-        for point in sorted(metadata.entry_points(group=self._group), key=lambda point: (_package(point), point.name)):
-            try:
-                path = Path(point.load())
-                if (name := _name_of(path)) in {*self._shipped, *found}:
-                    raise ValueError(f"there is another {name}; give this one a name of its own")
-                self._check(self._read(path))
-            except Exception as error:  # it is another package's code
-                label = f"{point.name} of {_package(point)} ({point.value})"
-                self.left_out[label] = str(error) or type(error).__name__
-                logging.getLogger(__name__).warning("%s: %s is left out: %s", self._group, label, error)
-            else:
-                found[name] = path
+
+        def take(_: str, loaded: Any) -> None:
+            path = Path(loaded)
+            if (name := _name_of(path)) in {*self._shipped, *found}:
+                raise ValueError(f"there is another {name}; give this one a name of its own")
+            self._check(self._read(path))
+            found[name] = path
+
+        self.left_out = take_installed(self._group, take)
         return found
+
+
+def take_installed(group: str, take: Callable[[str, Any], None]) -> dict[str, str]:
+    """Load what other packages name in a group of entry points, and give each to ``take`` with its name.
+
+    Returns:
+        Why some cannot be used, by their names: they could not be loaded, or ``take`` raised.
+    """
+    left_out = {}
+    for point in sorted(metadata.entry_points(group=group), key=lambda point: (_package(point), point.name)):
+        try:
+            take(point.name, point.load())
+        except Exception as error:  # it is another package's code
+            label = f"{point.name} of {_package(point)} ({point.value})"
+            left_out[label] = str(error) or type(error).__name__
+            logging.getLogger(__name__).warning("%s: %s is left out: %s", group, label, left_out[label])
+    return left_out
 
 
 def _name_of(path: Path) -> str:

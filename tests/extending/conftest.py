@@ -73,12 +73,12 @@ def install(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
 
 
 @pytest.fixture
-def install_page(install: Callable[[Path], None], tmp_path: Path) -> Callable[[str], Path]:
+def install_page(install: Callable[[Path], None], tmp_path: Path) -> Callable[..., Path]:
     """Return a function that installs a section's package, beside an entry point that cannot be loaded."""
 
-    def put(section: str) -> Path:
+    def put(section: str, more: str = "") -> Path:
         write_files(section, tmp_path)
-        write_points(section, tmp_path)
+        write_points(section, tmp_path, more)
         install(tmp_path)
         return tmp_path
 

@@ -31,7 +31,7 @@ from wrongturn_service.errors import InvalidRequestError
 from wrongturn_service.web import words
 from wrongturn_sim import Episode, FaultNotApplicableError, WrongturnSimEnv, WrongturnVectorEnv, available_faults
 
-Install = Callable[[Any], Path]
+Install = Callable[..., Path]
 SHORT = {"num_envs": 4, "decisions": 5, "traffic": 0, "journeys": 1, "brief_journeys": 1, "patience": 1}
 
 
@@ -76,11 +76,14 @@ def test_a_fault_is_delivered_judged_counted_and_explained(install_page: Install
     commands = [(row.command, row.route_command) for row in episode.trajectory.rows]
     assert all(command == swapped.get(route, route) for command, route in commands)
     assert {route for _, route in commands} == {int(Command.LANE_FOLLOW), int(trial.route)}
-    batch = WrongturnVectorEnv(2, trial=trial)
-    batch.reset(seed=1)
-    for _ in episode.trajectory.rows[1::2]:
-        batch.step(np.array([[0.0, 0.4, 0.0]] * 2, np.float32))
-    assert batch.episode(1).trajectory.to_json() == episode.trajectory.to_json()
+    for record in (True, False):  # a training records nothing
+        batch = WrongturnVectorEnv(2, trial=trial, record=record)
+        batch.reset(seed=1)
+        for _ in episode.trajectory.rows[1::2]:
+            *_, infos = batch.step(np.array([[0.0, 0.4, 0.0]] * 2, np.float32))
+        assert infos["verdict"][1] == episode.outcome.verdict
+        if record:
+            assert batch.episode(1).trajectory.to_json() == episode.trajectory.to_json()
     assert episode.outcome.reaction is Reaction.OTHER
 
     twin = Outcome(verdict=Verdict.EXIT_COMMANDED, time=1.0, max_deceleration=0.0)
@@ -105,6 +108,57 @@ def test_a_fault_is_asked_where_it_can_be_applied(install_page: Install) -> None
     assert {env.reset(seed=k)[1]["trial"].split(".")[1] for k in range(30)} == both
     with pytest.raises(FaultNotApplicableError, match="substitution needs a left and a right exit"):
         WrongturnSimEnv("junctions", fault=fault, approach="J1-W")
+
+
+WRONG_FAULTS = """
+from wrongturn_networks.faults import CommandFault
+from wrongturn_protocol import FaultKind
+
+
+class Shared(CommandFault):
+    guide_word = words = "shared"
+    deliver = lambda self, t, guidance: guidance.command
+
+
+class Taken(Shared):
+    kind = FaultKind.OMISSION
+
+
+class Silent(CommandFault):
+    kind = FaultKind.LATE
+
+
+class Named(Shared):
+    kind = FaultKind.EARLY
+
+
+class Strange(Named):
+    reactions = ("fled",)
+
+
+class Good(Shared):
+    kind = FaultKind.STUCK
+"""
+
+
+def test_a_wrong_fault_is_left_out_and_named(
+    install_page: Install, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "wrong_faults.py").write_text(WRONG_FAULTS)
+    points = {"omission": "Taken", "late": "Silent", "tardy": "Named", "early": "Strange", "stuck": "Good"}
+    install_page("A fault", "".join(f"{kind} = wrong_faults:{name}\n" for kind, name in points.items()))
+    shipped = (FaultKind.NONE, FaultKind.INFEASIBLE, FaultKind.OMISSION)
+    assert available_faults() == (*shipped, FaultKind.SUBSTITUTION, FaultKind.STUCK)
+    findings = "\n".join(detail for what, passed, detail, _ in catalogue.checks() if what == "faults" and not passed)
+    for wanted in (
+        "omission of their_faults (wrong_faults:Taken) is left out: there is another omission; remove one",
+        "late of their_faults (wrong_faults:Silent) is left out: has no guide_word and no words and no deliver",
+        "tardy of their_faults (wrong_faults:Named) is left out: is of the kind early; an entry point has the name",
+        "early of their_faults (wrong_faults:Strange) is left out: reactions: 'fled' is none of Reaction",
+        "broken of their_faults (gone:THING) is left out: No module named 'gone'",
+    ):
+        assert wanted in findings
+        assert wanted in caplog.text
 
 
 def test_a_town_and_a_suite_are_found_by_all_that_take_a_name(

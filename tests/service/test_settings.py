@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from wrongturn_service.machine import Machine
 from wrongturn_service.cli import wrong_settings
+from wrongturn_service.machine import Machine
 from wrongturn_service.settings import PREFIX, Registration, Settings
 
 ROOT = Path(__file__).parents[2]

@@ -53,10 +53,7 @@ def agent_row(name: str = "one") -> AgentRow:
         ("sqlite+aiosqlite:///{folder}/text.db", "file is not a database"),
         ("sqlite+aiosqlite://", "has to be a file"),
         ("sqlite+aiosqlite:///:memory:", "has to be a file"),
-        (
-            "sqlite+aiosqlite:///{folder}/newer.db",
-            "made by another version of Wrongturn .*; use that version, or name",
-        ),
+        ("sqlite+aiosqlite:///{folder}/newer.db", "made by another version of Wrongturn .*; use that version, or name"),
         ("nonsense", "is not a database URL"),
         ("oracle://x", "cannot be used"),
         ("postgresql://me:secret@127.0.0.1:1/x", r"postgresql\+asyncpg://me:\*\*\*@127.0.0.1:1/x cannot be used"),

@@ -20,6 +20,7 @@ from wrongturn_protocol import Track
 if TYPE_CHECKING:
     from wrongturn_agents.training.run import Run
 
+_OURS: Final = "wrongturn_agents."
 METHODS: Final = "wrongturn.methods"
 """Group of the entry points. Each names a :class:`Method`, and has its name."""
 
@@ -143,7 +144,9 @@ def load(checkpoint: Path | str, device: torch.device | str = "cpu") -> Loaded:
 
 
 def _points() -> dict[str, EntryPoint]:
-    return {point.name: point for point in entry_points(group=METHODS)}
+    """Return the installed methods by name. No other package's replaces one of ours."""
+    points = entry_points(group=METHODS)
+    return {point.name: point for point in sorted(points, key=lambda point: point.module.startswith(_OURS))}
 
 
 def _loaded(point: EntryPoint) -> Method:

@@ -8,51 +8,75 @@ in the group ``wrongturn.faults``. ``docs/extending.md`` shows both.
 
 import functools
 import importlib
-import logging
 import pkgutil
-from importlib import metadata
-from typing import Final
+from typing import Any, Final
 
 from wrongturn_networks.errors import FaultNotApplicableError as FaultNotApplicableError
 from wrongturn_networks.errors import NetworkError
 from wrongturn_networks.faults.fault import CommandFault as CommandFault
 from wrongturn_networks.faults.fault import Guidance as Guidance
+from wrongturn_networks.shelf import take_installed
 from wrongturn_networks.starts import draw_trial
 from wrongturn_networks.town import Town
-from wrongturn_protocol import FaultKind, Trial
+from wrongturn_protocol import FaultKind, Reaction, Trial
 
 GROUP: Final = "wrongturn.faults"
 """Entry-point group of faults from other packages: each names a subclass of :class:`CommandFault`."""
 
 
+class _Registry:
+    """All faults, those of this folder first. Each process reads them once."""
+
+    def __init__(self) -> None:
+        modules = [importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
+        here = [
+            one for one in CommandFault.__subclasses__() if one.__module__ in {module.__name__ for module in modules}
+        ]
+        self.built = {fault.kind: fault for fault in here}
+        self.left_out = take_installed(GROUP, self._take)
+
+    def _take(self, name: str, fault: Any) -> None:
+        if not (isinstance(fault, type) and issubclass(fault, CommandFault)):
+            raise TypeError("is no subclass of CommandFault")
+        missing = [one for one in ("kind", "guide_word", "words") if not hasattr(fault, one)]
+        missing += sorted(getattr(fault, "__abstractmethods__", ()))
+        if missing:
+            raise TypeError(f"has no {' and no '.join(missing)}; see CommandFault")
+        if name not in tuple(FaultKind) or fault.kind != name:
+            raise ValueError(f"is of the kind {fault.kind}; an entry point has the name of its kind, one of FaultKind")
+        if fault.kind in self.built:
+            raise ValueError(f"there is another {name}; remove one of the two packages")
+        if strange := sorted(set(fault.reactions) - set(Reaction)):
+            raise ValueError(f"reactions: {strange[0]!r} is none of Reaction")
+        self.built[fault.kind] = fault
+
+
 @functools.cache
-def _registry() -> dict[FaultKind, type[CommandFault]]:
-    for module in pkgutil.iter_modules(__path__):
-        importlib.import_module(f"{__name__}.{module.name}")
-    for point in metadata.entry_points(group=GROUP):
-        try:
-            point.load()
-        except Exception:  # the other faults can be used
-            logging.getLogger(__name__).exception("the fault %s cannot be loaded", point.value)
-    return {fault.kind: fault for fault in CommandFault.__subclasses__()}
+def _registry() -> _Registry:
+    return _Registry()
+
+
+def left_out_faults() -> dict[str, str]:
+    """Return why faults of other packages cannot be used, by the names of their entry points."""
+    return _registry().left_out
 
 
 def available_faults() -> tuple[FaultKind, ...]:
     """Return the kinds that are built, in the vocabulary's order."""
-    return tuple(kind for kind in FaultKind if kind in _registry())
+    return tuple(kind for kind in FaultKind if kind in _registry().built)
 
 
 def fault_class(kind: FaultKind) -> type[CommandFault]:
     """Return the class of a fault. Raises FaultNotApplicableError for a kind that is not built yet."""
-    if kind not in _registry():
+    if kind not in _registry().built:
         built = ", ".join(available_faults())
         raise FaultNotApplicableError(f"fault.kind: {kind} is not built yet; take one of {built}")
-    return _registry()[kind]
+    return _registry().built[kind]
 
 
 def find_fault(kind: FaultKind) -> type[CommandFault] | None:
     """Return the class of a fault; None for one that is not built, or whose package is no longer installed."""
-    return _registry().get(kind)
+    return _registry().built.get(kind)
 
 
 def check_fault(trial: Trial) -> None:

@@ -330,7 +330,8 @@ class Fleet:
             count = int(egos.sub_steps[i])
             command = int(fault.deliver(count / kernel.PER_SECOND, guidance))
             egos.delivered[i] = command
-            egos.commands[i, -(-count // SUB_STEPS), 0] = command
+            if self._recording:
+                egos.commands[i, -(-count // SUB_STEPS), 0] = command
             self.observation["command"][i, 0] = command
 
     def _reserve(self, trials: Sequence[Trial]) -> None:
