@@ -14,7 +14,7 @@ from wrongturn_sim import Episode
 
 ROOT = Path(__file__).parents[2]
 MODULES = ("comparison", "drives", "erratic", "experiment", "labels", "picture")
-NAMES = ("eight_drivers", "hard_cases")
+NAMES = (pytest.param("eight_drivers", marks=pytest.mark.soak), "hard_cases")
 
 
 @pytest.fixture(scope="module")

@@ -112,7 +112,7 @@ def test_the_readmes_agent_comes_to_the_leaderboard(tmp_path: Path) -> None:
     assert entry["unsafe"]["trials"] == 6
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.system
 @pytest.mark.timeout(900)
 def test_the_tutorials_agent_is_trained_exported_and_driven(tmp_path: Path, service: LocalService) -> None:

@@ -75,7 +75,7 @@ def test_a_run_resumes_where_it_stopped(run, tmp_path):
     assert load(folder / BEST).told["evaluation"] == kept["evaluation"]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_given_teacher_teaches_an_agent_of_another_width(run, tmp_path):
     """The run is interrupted in its last evaluation, and goes on."""
 
