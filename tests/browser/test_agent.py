@@ -2,6 +2,7 @@
 
 import httpx
 from filled_site import SUITE, Site
+from playwright.sync_api import expect
 from visiting import Visit
 
 
@@ -28,10 +29,11 @@ def test_trials_are_filtered_without_javascript(visit: Visit, site: Site):
     page.get_by_label("Verdict", exact=True).select_option("unsafe")
     page.get_by_label("Fault", exact=True).select_option("infeasible")
     page.get_by_role("button", name="Filter").click()
-    assert page.locator("table.trials tbody tr").count() == 3
+    rows = page.locator("table.trials tbody tr")
+    expect(rows).to_have_count(3)  # waits for the page that the click opens
     assert "3 of 6 trials" in page.inner_text("main")
     page.get_by_role("link", name="Show all").click()
-    assert page.locator("table.trials tbody tr").count() == 6
+    expect(rows).to_have_count(6)
 
 
 def test_a_filter_that_nothing_passes_says_so(visit: Visit, site: Site):
