@@ -137,8 +137,8 @@ def _writing(path: Path) -> Iterator[None]:
 class RunDatabase(Closing):
     """A folder with a database, which is removed at the end of the ``with`` block unless it is still needed.
 
-    It is beside the saved runs, so that an interrupted run can be resumed. A new one removes those that killed runs
-    have left: no saved run names them, and nobody has written into them for a day.
+    It is beside the saved runs, so that an interrupted run can be resumed. A new one removes what killed runs
+    left behind: folders that no saved run names and that have not changed for a day.
 
     Args:
         folder: Folder of a run that is resumed; None for a new one.

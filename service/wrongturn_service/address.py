@@ -13,7 +13,11 @@ _LAST_RESERVED = 1023
 
 
 class AddressError(Exception):
-    """The address cannot be bound. The message says why and what to do."""
+    """The address cannot be bound. The message names the option, and says why and what to do."""
+
+    def __init__(self, option: str, reason: str, remedy: str | None = None) -> None:
+        super().__init__(f"{option}: {reason}" if remedy is None else f"{option}: {reason}; {remedy}")
+        self.reason = reason
 
 
 def bind(host: str, port: int, patience_s: float = 30.0) -> socket.socket:
@@ -30,7 +34,7 @@ def bind(host: str, port: int, patience_s: float = 30.0) -> socket.socket:
         )[0]
         bound = socket.socket(family, kind, protocol)
     except OSError as error:
-        raise AddressError(f"--host {host}: {error.strerror or error}; name an address of this machine") from error
+        raise AddressError(f"--host {host}", error.strerror or str(error), "name an address of this machine") from error
     try:
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         # The kernel closes connections whose peer has vanished. Accepted connections inherit this.
@@ -49,11 +53,13 @@ def bind(host: str, port: int, patience_s: float = 30.0) -> socket.socket:
         bound.close()
         if error.errno == errno.EADDRINUSE:
             raise AddressError(
-                f"--port {port}: is in use on {host}; stop that program or name another port; 0 takes a free one"
+                f"--port {port}", f"is in use on {host}", "stop that program or name another port; 0 takes a free one"
             ) from error
         if error.errno == errno.EACCES and port <= _LAST_RESERVED:
             raise AddressError(
-                f"--port {port}: only root may listen on it; name a port above {_LAST_RESERVED}, such as --port 8000"
+                f"--port {port}",
+                "only root may listen on it",
+                f"name a port above {_LAST_RESERVED}, such as --port 8000",
             ) from error
-        raise AddressError(f"--host {host} --port {port}: {error.strerror or error}") from error
+        raise AddressError(f"--host {host} --port {port}", error.strerror or str(error)) from error
     return bound

@@ -76,11 +76,11 @@ def restore(
     settings = read_settings(database=database)
     if file == _STREAM and not yes:
         raise typer.BadParameter("stdin is the backup, so it cannot answer the question: give --yes", param_hint="FILE")
-    if file != _STREAM and not file.is_file():
-        raise typer.BadParameter(f"{file} is no file; name one that 'wrongturn backup' wrote", param_hint="FILE")
-    if not yes:
-        typer.confirm(f"Replace everything in {settings.database_url.rsplit('@', 1)[-1]}?", abort=True)
     try:
+        if file != _STREAM:
+            backups.check_file(file)
+        if not yes:
+            typer.confirm(f"Replace everything in {settings.database_url.rsplit('@', 1)[-1]}?", abort=True)
         with _staged(file, settings.home) as read:
             if file == _STREAM:
                 with read.open("xb") as backup_file:

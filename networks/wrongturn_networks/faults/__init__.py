@@ -28,10 +28,9 @@ class _Registry:
     """All faults, those of this folder first. Each process reads them once."""
 
     def __init__(self) -> None:
-        modules = [importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
-        here = [
-            one for one in CommandFault.__subclasses__() if one.__module__ in {module.__name__ for module in modules}
-        ]
+        for module in pkgutil.iter_modules(__path__):
+            importlib.import_module(f"{__name__}.{module.name}")
+        here = [fault for fault in CommandFault.__subclasses__() if fault.__module__.startswith(f"{__name__}.")]
         self.built = {fault.kind: fault for fault in here}
         self.left_out = take_installed(GROUP, self._take)
 

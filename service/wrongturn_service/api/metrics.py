@@ -48,8 +48,8 @@ async def own_port(settings: Settings, telemetry: Telemetry) -> AsyncIterator[No
     try:
         bound = bind(settings.host, settings.metrics_port)
     except AddressError as error:
-        reason = str(error).removeprefix(f"--port {settings.metrics_port}: ").partition(";")[0]
-        raise StartupError(f"WRONGTURN_METRICS_PORT: {settings.metrics_port}: {reason}; name another port") from error
+        named = f"WRONGTURN_METRICS_PORT: {settings.metrics_port}"
+        raise StartupError(f"{named}: {error.reason}; name another port") from error
 
     async def show(request: Request) -> Response:
         try:

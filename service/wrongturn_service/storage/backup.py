@@ -44,6 +44,12 @@ def back_up(url: str, file: Path) -> None:
         part.unlink(missing_ok=True)
 
 
+def check_file(file: Path) -> None:
+    """Raise StartupError if there is no such file."""
+    if not file.is_file():
+        raise StartupError(f"there is no backup {file}; name one that 'wrongturn backup' made")
+
+
 def restore(url: str, file: Path, home: Path) -> None:
     """Replace the database by a backup.
 
@@ -51,8 +57,7 @@ def restore(url: str, file: Path, home: Path) -> None:
     cannot be used.
     """
     parsed = location.parse(url)
-    if not file.is_file():
-        raise StartupError(f"there is no backup {file}; name one that 'wrongturn backup' made")
+    check_file(file)
     target = location.file_of(parsed)
     if target is None:
         if "is in use" in examine(url, home):
