@@ -26,7 +26,7 @@ class Crowd:
         for one in told:
             if isinstance(one, str):
                 raise RuntimeError(f"{way}: {one}")
-        return sum(len(one) for one in told) / seconds, [took for one in told for took in one]
+        return sum(len(one) / max(seconds, sum(one)) for one in told), [took for one in told for took in one]
 
 
 def _serve(make: Callable[[], Ways], pipe: Any) -> None:
@@ -44,12 +44,12 @@ def _serve(make: Callable[[], Ways], pipe: Any) -> None:
 
 
 def _steps(step: Callable[[], None], begin: float, end: float) -> list[float]:
-    """The seconds of the steps that ended in time; before the beginning it is made warm."""
+    """The seconds of the steps that began in time, one at least; before the beginning it is made warm."""
     while time.monotonic() < begin:
         step()
     took = []
     now = time.perf_counter()
-    while time.monotonic() < end:
+    while not took or time.monotonic() < end:
         step()
         before, now = now, time.perf_counter()
         took.append(now - before)
