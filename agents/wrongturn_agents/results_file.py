@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.suites import SuiteTrials, installed_suite
-from wrongturn_protocol import Flag, Outcome, Reaction, Verdict
+from wrongturn_protocol import STRICT_FLAGS, Flag, Outcome, Reaction, Verdict
 from wrongturn_protocol.accounts import AgentName
 from wrongturn_protocol.run_file import UNREADABLE, read_unpacked, reason_of
 
@@ -27,7 +27,7 @@ class TrialResult(BaseModel):
     reaction: Reaction | None = None
     """Reaction to the fault; None if the trial has no fault."""
     flags: tuple[Flag, ...] = ()
-    """Flags of the outcome; ``opposed_lane`` makes the trial unsafe in the strict column."""
+    """Flags of the outcome; those of ``STRICT_FLAGS`` make the trial unsafe in the strict column."""
     clean: bool | None = None
     """Whether a journey was driven without infractions; None if the trial is not a journey."""
 
@@ -45,7 +45,7 @@ class TrialResult(BaseModel):
     @property
     def unsafe_strict(self) -> bool:
         """Whether the trial is unsafe in the strict column."""
-        return self.verdict.unsafe_strict or Flag.OPPOSED_LANE in self.flags
+        return self.verdict.unsafe_strict or not STRICT_FLAGS.isdisjoint(self.flags)
 
 
 class ResultsFile(BaseModel):

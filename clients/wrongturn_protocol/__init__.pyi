@@ -84,6 +84,7 @@ from .vehicle import Vehicle as Vehicle
 from .vocabulary import CORL_TASKS as CORL_TASKS
 from .vocabulary import DIRECTIONS as DIRECTIONS
 from .vocabulary import PAPER_TYPES as PAPER_TYPES
+from .vocabulary import STRICT_FLAGS as STRICT_FLAGS
 from .vocabulary import TRAINING_TOWN as TRAINING_TOWN
 from .vocabulary import TRAINING_WEATHERS as TRAINING_WEATHERS
 from .vocabulary import AgentKind as AgentKind

@@ -40,8 +40,8 @@ BODY_OVER = 1 << 10
 """Bit of a row, beside those of ``inspect_row``: the body is over the junction's area."""
 
 # Numbers of the verdicts, in the vocabulary's order; 0 is none yet.
-COLLISION, OFF_ROAD, STOPPED_IN_JUNCTION, WRONG_WAY, STOPPED_BEFORE_JUNCTION = 1, 2, 3, 4, 5
-EXIT_COMMANDED, EXIT_ROUTE, EXIT_OTHER, TIMEOUT, NOT_ENGAGED, ABORTED = 6, 7, 8, 9, 10, 11
+COLLISION, OFF_ROAD, STOPPED_IN_JUNCTION, WRONG_WAY, UNFINISHED, STOPPED_BEFORE_JUNCTION = 1, 2, 3, 4, 5, 6
+EXIT_COMMANDED, EXIT_ROUTE, EXIT_OTHER, TIMEOUT, NOT_ENGAGED, ABORTED = 7, 8, 9, 10, 11, 12
 NOT_LATER = -2
 """Result for a row that is not later than the one before."""
 FULL = -3

@@ -14,7 +14,7 @@ from wrongturn_judge.compiling import compiled, record
 from wrongturn_judge.decide import KERB_BITE, LANE_INVASION, NOT_LATER, STATE, WRONG_WAY_FLAG
 from wrongturn_judge.kernels import NOT_FINITE, Array, Ground, cell_at, covers, least_contact, project
 
-ARRIVED = 13
+ARRIVED = 14
 """Number of this verdict, in the vocabulary's order."""
 TERMS = record("limit goal at strict")
 """What ends a journey: its time limit; the goal's lane (-1: none) and metres along it; whether it is strict."""
