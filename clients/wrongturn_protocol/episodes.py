@@ -26,6 +26,8 @@ CONTROLS: Final = ("steer", "throttle", "brake")
 """The fields of an action, in the order of its array."""
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
+ScenerySeed = Annotated[int, Field(ge=0, lt=2**53)]
+"""JavaScript and JSON libraries keep such numbers exactly."""
 
 
 WATCH: Final = 2.0
@@ -184,6 +186,8 @@ class Trial(Message):
     """Where the command's window opens, metres before the stop line. None: at the nominal 15."""
     watch: Annotated[float, Field(ge=1, le=4, allow_inf_nan=False)] = Field(default=WATCH, exclude_if=is_plain_watch)
     """For how long a drive goes on after it took an exit, seconds; JSON leaves 2.0 out. A journey does not use it."""
+    scenery: ScenerySeed | None = Field(default=None, exclude_if=is_none)
+    """Seed of the town's drawn scenery. None: the scenery that the town ships with."""
     journey: Journey | None = Field(default=None, exclude_if=is_none)
     """The journey; None for a trial at a single junction."""
 

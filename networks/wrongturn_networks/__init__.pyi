@@ -26,6 +26,7 @@ from .lanes import bends_of as bends_of
 from .loading import load_town as load_town
 from .loading import read_town as read_town
 from .loading import town_names as town_names
+from .loading import town_of as town_of
 from .scenery import SceneryKind as SceneryKind
 from .scenery import SceneryObject as SceneryObject
 from .starts import draw_start as draw_start

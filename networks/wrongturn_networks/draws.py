@@ -4,7 +4,6 @@ Every number is an HMAC-SHA256 of the secret and a label, so nobody can foresee 
 same trials on every machine. ``docs/decisions.md`` says why trials are drawn.
 """
 
-import functools
 import hashlib
 import hmac
 from collections.abc import Iterable, Sequence
@@ -15,6 +14,7 @@ from typing import Final, TypeVar
 
 from wrongturn_networks.errors import ApproachTooShortError, SecretError, UnknownTownError, UnknownTrialError
 from wrongturn_networks.loading import load_town, town_names
+from wrongturn_networks.per_net import once_per_net
 from wrongturn_networks.starts import LANE_RESERVE, SHORTEST, WINDOW, slow_start
 from wrongturn_networks.town import Town
 from wrongturn_protocol import Cell, Command, Fault, FaultKind, JunctionType, Trial, trial_id, twin_id
@@ -140,7 +140,7 @@ def _approaches(cell: Cell, field: str) -> tuple[str, ...]:
     return approaches
 
 
-@functools.lru_cache(maxsize=256)
+@once_per_net(256)
 def _roomy(town: Town, kind: JunctionType) -> tuple[str, ...]:
     roomy = (
         approach.id
