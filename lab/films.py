@@ -29,7 +29,7 @@ from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.stored_results import STORED
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_client.episode_calls import action_of
-from wrongturn_networks import load_suite, load_town
+from wrongturn_networks import load_suite, town_of
 from wrongturn_protocol import Condition, FaultKind, JunctionType, Outcome, Task, Trial, Verdict, View
 from wrongturn_protocol.episodes import twin_id
 from wrongturn_protocol.observations import observation_space
@@ -327,7 +327,7 @@ def _outcome(driven: DrivenEpisode) -> Outcome:
 
 
 def _geometry(trajectory: Trajectory) -> JudgeGeometry:
-    return JudgeGeometry.of(load_town(trajectory.trial.town), trajectory.trial)
+    return JudgeGeometry.of(town_of(trajectory.trial), trajectory.trial)
 
 
 def measure(driven: DrivenEpisode) -> dict[str, float | None]:
@@ -422,7 +422,7 @@ def _drive_journey(name: str, trial: Trial) -> DrivenEpisode:
 def contact_of(trajectory: Trajectory) -> dict[str, Any]:
     """Return what a trajectory that ended in a collision shows of it and of the seconds before."""
     rows, end = trajectory.rows, trajectory.rows[-1]
-    town = load_town(trajectory.trial.town)
+    town = town_of(trajectory.trial)
     late = [row for row in rows if row.t > end.t - _BEFORE_S]
     car = Polygon(box(end.x, end.y, end.yaw, VEHICLE.length, VEHICLE.width))
     gaps = [car.distance(Polygon(box(*user[:5]))) for user in end.road_users]

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -54,8 +53,11 @@ def drive_in_process(
     finished = 0
     progress(finished, len(trials))
     with ThreadPoolExecutor(threads) as pool:
-        for town, group in groupby(sorted(trials, key=lambda trial: trial.town), key=lambda trial: trial.town):
-            for episode in _in_town(source, town, list(group), drive_on, enough, threads, pool):
+        by_town: dict[tuple[str, int | None], list[Trial]] = {}
+        for trial in trials:
+            by_town.setdefault((trial.town, trial.scenery), []).append(trial)
+        for group in by_town.values():
+            for episode in _in_town(source, group, drive_on, enough, threads, pool):
                 finished += 1
                 progress(finished, len(trials))
                 yield episode
@@ -63,7 +65,6 @@ def drive_in_process(
 
 def _in_town(
     source: AgentSource,
-    town: str,
     waiting: list[Trial],
     drive_on: float | None,
     enough: Callable[[Trajectory], bool] | None,
@@ -73,8 +74,8 @@ def _in_town(
     count = min(_CARS, len(waiting))
     envs = WrongturnVectorEnv(
         count,
-        town,
-        source.track,
+        track=source.track,
+        trial=waiting[0],
         threads=threads,
         drive_on=drive_on,
         own_traffic=FleetTraffic(),

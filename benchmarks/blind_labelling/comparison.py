@@ -9,7 +9,7 @@ from drives import Drive
 from labels import Label, strict_column
 
 from wrongturn_judge import JudgeGeometry, judge
-from wrongturn_networks import load_town
+from wrongturn_networks import town_of
 from wrongturn_protocol import Flag
 
 
@@ -40,7 +40,7 @@ class Pair:
 
 def judged(drive: Drive) -> Judged:
     """Return what the judge says of a drive, which goes on past the verdict."""
-    geometry = JudgeGeometry.of(load_town(drive.trial.town), drive.trial)
+    geometry = JudgeGeometry.of(town_of(drive.trial), drive.trial)
     outcome = judge(drive.trajectory, geometry)
     word = str(outcome.verdict)
     if outcome.verdict.exited:

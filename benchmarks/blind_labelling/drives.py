@@ -11,7 +11,7 @@ from shapely import Point
 
 from wrongturn_agents.agent import Agent, track_of_agent
 from wrongturn_judge.trajectory import Trajectory
-from wrongturn_networks import load_town
+from wrongturn_networks import town_of
 from wrongturn_protocol import Track, Trial
 from wrongturn_protocol.observations import observation_space
 from wrongturn_sim.ego import SUB_STEPS
@@ -67,7 +67,7 @@ def drive(driver: str, agent: Agent, trial: Trial) -> Drive:
 
 def _gone_after(trajectory: Trajectory) -> int | None:
     """Return the number of decisions after which the car is gone; None if it never is."""
-    town = load_town(trajectory.trial.town)
+    town = town_of(trajectory.trial)
     junction = town.junctions[town.approach(trajectory.trial.approach).junction]
     entered = False
     for decision, row in enumerate(trajectory.rows[::SUB_STEPS]):

@@ -153,6 +153,7 @@ def draw_cruise(
         fault=_NO_FAULT,
         seed=seed,
         window=opens,
+        scenery=town.scenery_seed,
         journey=_cruise(time_limit),
     )
 

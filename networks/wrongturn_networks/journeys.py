@@ -110,6 +110,7 @@ def draw_journey(
         traffic=traffic,
         fault=Fault(kind=FaultKind.NONE),
         seed=seed,
+        scenery=town.scenery_seed,
         journey=Journey(
             task=task, goal=pair.goal, goal_at=goal_at, length=round(length, 3), time_limit=round(length / PACE, 1)
         ),

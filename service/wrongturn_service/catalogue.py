@@ -46,9 +46,9 @@ def suite(suite_id: str) -> Suite:
     return _find(lambda: load_suite(suite_id), "suite", ProblemType.UNKNOWN_SUITE)
 
 
-def town(name: str) -> Town:
-    """Return a town by its name. Raises NotFoundError."""
-    return _find(lambda: load_town(name), "town", ProblemType.UNKNOWN_TOWN)
+def town(name: str, scenery: int | None = None) -> Town:
+    """Return a town by its name, with drawn scenery if its seed is given. Raises NotFoundError."""
+    return _find(lambda: load_town(name, scenery), "town", ProblemType.UNKNOWN_TOWN)
 
 
 def town_detail(name: str) -> TownDetail:

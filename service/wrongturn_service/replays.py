@@ -109,7 +109,7 @@ def check_town(trajectory: Trajectory) -> None:
     Raises NotFoundError, ConflictError.
     """
     name = trajectory.trial.town
-    if catalogue.town(name).sha256 != trajectory.town_sha256:
+    if catalogue.town(name, trajectory.trial.scenery).sha256 != trajectory.town_sha256:
         raise ConflictError(
             ProblemType.EPISODE_NOT_SHOWN,
             f"the town {name} has changed since this episode was driven, so its pictures would be wrong",

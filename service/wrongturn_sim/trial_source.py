@@ -69,14 +69,14 @@ class TrialSource:
                 )
 
     @property
-    def towns(self) -> tuple[str, ...]:
-        """Towns of the trials that can be drawn, sorted."""
+    def places(self) -> tuple[tuple[str, int | None], ...]:
+        """Towns of the trials that can be drawn, each with the seed of its scenery, in no particular order."""
         if self._trial is not None:
-            return (self._trial.town,)
+            return ((self._trial.town, self._trial.scenery),)
         if self._suite is not None:
-            return tuple(sorted({trial.town for trial in self._suite.trials}))
+            return tuple({(trial.town, trial.scenery) for trial in self._suite.trials})
         assert self._town is not None
-        return (self._town.name,)
+        return ((self._town.name, self._town.scenery_seed),)
 
     def find(self, trial: Trial | str) -> Trial:
         """Return a trial by its id in the suite, or as it is. Raises UnknownTrialError; OptionError without a suite."""

@@ -30,7 +30,7 @@ class HeldPool(FakePool):
         await self._waits.wait()
         return task
 
-    async def acquire(self, town: str, agent: str) -> LocalSimulator:
+    async def acquire(self, town: tuple[str, int | None], agent: str) -> LocalSimulator:
         simulator: Any = await super().acquire(town, agent)
         for name in ("reset", "step"):
             setattr(simulator, name, self._held(getattr(simulator, name)))

@@ -1,7 +1,6 @@
 """Drive given trials with trained agents, many at once, in this process."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import groupby
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -114,15 +113,16 @@ def drive_trials(
     width = batch or (256 if device.type == "cuda" else 16)
     assigned = [(model, trial) for model in models for trial in trials]
     found: dict[int, DrivenTrial] = {}
-    by_town = sorted(range(len(assigned)), key=lambda i: assigned[i][1].town)
-    for town, numbers in groupby(by_town, key=lambda i: assigned[i][1].town):
-        found |= _in_town(town, list(numbers), assigned, device, width, patience, stop, options)
+    by_town: dict[tuple[str, int | None], list[int]] = {}
+    for i, (_, trial) in enumerate(assigned):
+        by_town.setdefault((trial.town, trial.scenery), []).append(i)
+    for numbers in by_town.values():
+        found |= _in_town(numbers, assigned, device, width, patience, stop, options)
     count = len(trials)
     return [[found[i * count + k] for k in range(count)] for i in range(len(models))]
 
 
 def _in_town(
-    town: str,
     numbers: list[int],
     assigned: Sequence[tuple[AnyModel, Trial]],
     device: torch.device,
@@ -132,7 +132,9 @@ def _in_town(
     options: dict[str, Any],
 ) -> Iterator[tuple[int, DrivenTrial]]:
     count = min(width, len(numbers))
-    envs = WrongturnVectorEnv(count, town, **options, record=False, copy=False, autoreset_mode=AutoresetMode.DISABLED)
+    envs = WrongturnVectorEnv(
+        count, trial=assigned[numbers[0]][1], **options, record=False, copy=False, autoreset_mode=AutoresetMode.DISABLED
+    )
     # The longest trials come first, so that fewer cars wait for the last ones.
     waiting = sorted(numbers, key=lambda i: -_time_limit(assigned[i][1]))
     driving: list[int | None] = [waiting.pop(0) for _ in range(count)]

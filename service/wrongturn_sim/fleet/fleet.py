@@ -173,9 +173,9 @@ class Fleet:
     def begin(self, trials: Iterable[tuple[int, Trial]]) -> None:
         """Begin trials, each given with the number of its ego.
 
-        Raises TrialNotAloneError if a trial has another town, or other road users although the fleet has no traffic;
-        TrafficTooDenseError and FaultNotApplicableError as Episode; GeometryMismatchError or UnknownApproachError if a
-        journey's goal or the approach is not in the town.
+        Raises TrialNotAloneError if a trial has another town or scenery, or other road users although the fleet has no
+        traffic; TrafficTooDenseError and FaultNotApplicableError as Episode; GeometryMismatchError or
+        UnknownApproachError if a journey's goal or the approach is not in the town.
         """
         # Check all trials first: after a refusal nothing has changed.
         checked = [(i, self._checked(trial), make_fault(trial)) for i, trial in trials]
@@ -295,6 +295,11 @@ class Fleet:
         if trial.town != self.town.name:
             raise TrialNotAloneError(
                 f"trial.town: {trial.town} is not {self.town.name}, where these cars drive; make another environment"
+            )
+        if trial.scenery != self.town.scenery_seed:
+            raise TrialNotAloneError(
+                f"trial.scenery: {trial.scenery} is not that of these cars' town, {self.town.scenery_seed}; "
+                "make another environment"
             )
         if self._traffic is not None:
             check_density(self.town, trial)

@@ -104,12 +104,13 @@ class WrongturnVectorEnv(TrialVectorEnv):
                 "own_traffic=FleetTraffic() to drive beside the batch's own traffic"
             )
         self._source = TrialSource(trials)
-        if len(self._source.towns) != 1:
-            names = ", ".join(self._source.towns)
+        place, *others = self._source.places
+        if others:
+            names = ", ".join(sorted({town for town, _ in (place, *others)}))
             raise OptionError(f"suite: {trials.suite} has trials in {names}; all cars need the same town")
         self.copy = copy
         self._fleet = Fleet(
-            load_town(self._source.towns[0]),
+            load_town(*place),
             num_envs,
             self.track,
             threads=threads,
