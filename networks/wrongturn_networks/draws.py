@@ -1,11 +1,12 @@
-"""Draws: the trials that a secret makes of a suite's cells.
+"""Draws: the trials that a secret makes of a suite's cells, with the scenery around them, and their order.
 
-Every number is an HMAC-SHA256 of the secret and a label, so nobody can foresee a trial, and the same secret gives the
-same trials on every machine. ``docs/decisions.md`` says why trials are drawn.
+Every number is an HMAC-SHA256 of the secret and a label of its own, so nobody can foresee a trial, no number tells
+another, and the same secret gives the same trials on every machine. ``docs/decisions.md`` says why trials are drawn.
 """
 
 import hashlib
 import hmac
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,6 +30,10 @@ YAW = 6.0
 """Largest angle of a start to the lane, degrees."""
 SEEDS = 2**31
 """Seeds of trials are less than this."""
+SCENERIES = 2**53
+"""Seeds of scenery are less than this."""
+WATCH: Final = (1.0, 4.0)
+"""Range of the time for which a drive goes on after an exit, seconds."""
 
 _T = TypeVar("_T")
 
@@ -73,6 +78,22 @@ class Draw:
         return self._by_id[trial_id]
 
 
+def halves(draw: Draw, secret: str) -> tuple[tuple[Trial, ...], tuple[Trial, ...]]:
+    """Return the episodes of a draw in the order in which a secret has them driven, in two halves.
+
+    The first half has one of each pair, so that no pair can be recognised by holding an episode open. Journeys have no
+    twins: all of them are in the first half.
+    """
+    numbers = _Numbers(secret)
+    if not draw.twins:
+        return tuple(numbers.ordered("order 1", draw.trials)), ()
+    pairs = list(zip(draw.trials, draw.twins, strict=True))
+    sides = [numbers.whole(f"{index} first", 2) for index in range(len(pairs))]
+    first = numbers.ordered("order 1", [pair[side] for pair, side in zip(pairs, sides, strict=True)])
+    second = numbers.ordered("order 2", [pair[1 - side] for pair, side in zip(pairs, sides, strict=True)])
+    return tuple(first), tuple(second)
+
+
 def commitment_of(secret: str) -> str:
     """Return the SHA-256 of a secret's text, as ``printf %s SECRET | sha256sum`` gives it. Raises SecretError."""
     return hashlib.sha256(_bytes_of(secret)).hexdigest()
@@ -91,11 +112,11 @@ def draw_cells(suite_id: str, cells: Sequence[Cell], secret: str) -> Draw:
     trials: list[Trial] = []
     twins: list[Trial] = []
     places = {cell: iter(_places(cell, group[0], len(group), numbers)) for cell, group in groups.items()}
-    slots = 2 * len(cells)
+    taken: set[int] = set()
     for index, cell in enumerate(cells):
         place = next(places[cell])
-        trial = _trial(cell, f"{index} trial", place, numbers, 2 * index, slots)
-        twin = _trial(cell, f"{index} twin", place, numbers, 2 * index + 1, slots)
+        trial = _trial(cell, f"{index} trial", place, numbers, taken)
+        twin = _trial(cell, f"{index} twin", place, numbers, taken)
         trials.append(trial)
         twins.append(twin.model_copy(update={"id": twin_id(trial), "fault": Fault(kind=FaultKind.NONE)}))
     return Draw(suite_id, tuple(trials), tuple(twins), secret)
@@ -109,7 +130,7 @@ def possible_trials(cell: Cell) -> tuple[Trial, ...]:
     """
     numbers = _Numbers("any")
     return tuple(
-        _trial(cell, f"{approach} {route}", (approach, route), numbers, 0, 1)
+        _trial(cell, f"{approach} {route}", (approach, route), numbers, set())
         for approach in _approaches(cell, "cell")
         for route in sorted(cell.junction_type.exits)
     )
@@ -120,10 +141,10 @@ def _places(cell: Cell, first: int, count: int, numbers: "_Numbers") -> list[tup
     approaches = _approaches(cell, f"cells[{first}]")
     chosen: list[str] = []
     for turn in range(-(-count // len(approaches))):
-        chosen += numbers.shuffled(f"{first} approaches {turn}", approaches)
-    exits = numbers.shuffled(f"{first} exits", sorted(cell.junction_type.exits))
+        chosen += numbers.ordered(f"{first} approaches {turn}", approaches)
+    exits = numbers.ordered(f"{first} exits", sorted(cell.junction_type.exits))
     routes = [exits[k % len(exits)] for k in range(count)]
-    return list(zip(chosen[:count], numbers.shuffled(f"{first} routes", routes), strict=True))
+    return list(zip(chosen[:count], numbers.ordered(f"{first} routes", routes), strict=True))
 
 
 def _approaches(cell: Cell, field: str) -> tuple[str, ...]:
@@ -150,12 +171,14 @@ def _roomy(town: Town, kind: JunctionType) -> tuple[str, ...]:
     return tuple(sorted(roomy))
 
 
-def _trial(cell: Cell, label: str, place: tuple[str, Command], numbers: "_Numbers", slot: int, slots: int) -> Trial:
-    """Return a trial of a cell; its seed differs from the seeds of all other slots, so that ids differ too."""
+def _trial(cell: Cell, label: str, place: tuple[str, Command], numbers: "_Numbers", taken: set[int]) -> Trial:
+    """Return a trial of a cell. Its seed is none of those taken, and is added to them, so that ids differ too."""
     approach, route = place
     town = load_town(cell.town)
     room = town.lanes[town.approach(approach).lane].length - LANE_RESERVE
-    seed = numbers.whole(f"{label} seed", SEEDS // slots) * slots + slot
+    drawn = (numbers.whole(f"{label} seed {attempt}", SEEDS) for attempt in itertools.count())
+    seed = next(number for number in drawn if number not in taken)
+    taken.add(seed)
     return Trial(
         id=trial_id(cell.town, approach, cell.fault.kind, seed),
         town=cell.town,
@@ -173,6 +196,8 @@ def _trial(cell: Cell, label: str, place: tuple[str, Command], numbers: "_Number
         fault=cell.fault,
         seed=seed,
         window=round(numbers.between(f"{label} window", *WINDOW), 3),
+        watch=round(numbers.between(f"{label} watch", *WATCH), 3),
+        scenery=numbers.whole(f"scenery {cell.town}", SCENERIES),
     )
 
 
@@ -203,7 +228,7 @@ class _Numbers:
         """Return a number from ``low`` to before ``high``."""
         return low + (high - low) * (int.from_bytes(self._digest(label)[:6]) / 2**48)
 
-    def shuffled(self, label: str, items: Iterable[_T]) -> list[_T]:
+    def ordered(self, label: str, items: Iterable[_T]) -> list[_T]:
         """Return the items in a random order."""
         numbered = list(enumerate(items))
         return [item for _, item in sorted(numbered, key=lambda pair: self._digest(f"{label} {pair[0]}"))]

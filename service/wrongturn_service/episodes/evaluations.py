@@ -2,8 +2,6 @@
 
 import asyncio
 import contextlib
-import hashlib
-import hmac
 import secrets
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -11,8 +9,9 @@ from weakref import WeakValueDictionary
 
 import structlog
 
-from wrongturn_networks import Suite, load_suite
-from wrongturn_protocol import Entry, EpisodeState, EvaluationState, FaultKind, ProblemType, Track, Trial, twin_id
+from wrongturn_networks import Draw, Suite, load_suite
+from wrongturn_networks.draws import halves
+from wrongturn_protocol import Entry, EpisodeState, EvaluationState, ProblemType, Track, Trial
 from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service.errors import ConflictError, InvalidRequestError, unknown
 from wrongturn_service.storage.models import EvaluationRow
@@ -22,27 +21,20 @@ from wrongturn_service.telemetry import Telemetry
 from wrongturn_service.tokens import new_id
 
 
-def shuffled(trials: Iterable[Trial], secret: str) -> list[Trial]:
-    """Return the trials in an order that follows from the secret alone, so that it survives a restart."""
-    key = secret.encode()
-    return sorted(trials, key=lambda trial: hmac.digest(key, trial.id.encode(), hashlib.sha256))
-
-
-def pair_of(trial: Trial) -> str:
-    """Return a name that a trial shares with its twin only: the twin's id. A journey has no twin."""
-    return trial.id if trial.journey is not None or trial.fault.kind is FaultKind.NONE else twin_id(trial)
-
-
 class Schedule:
     """An evaluation's trials: pending, open or finished.
 
-    A trial and its twin are never open together: an agent that compares the two could tell the fault.
+    The first half has one of each pair. The second begins when the first has ended, so a trial and its twin are never
+    open together, and an agent cannot find out which episodes are a pair by holding one open.
     """
 
-    def __init__(self, trials: Iterable[Trial], secret: str, finished: Iterable[str] = ()) -> None:
-        """Order the trials by the secret. ``finished`` are the ids of those that have a verdict."""
+    def __init__(self, draw: Draw, secret: str, finished: Iterable[str] = ()) -> None:
+        """Order the trials by the secret alone, so that a restart changes nothing.
+
+        ``finished`` are the ids of those that have a verdict.
+        """
         done = frozenset(finished)
-        self._pending = [trial for trial in shuffled(trials, secret) if trial.id not in done]
+        self._halves = [[trial for trial in half if trial.id not in done] for half in halves(draw, secret)]
         self._open: dict[str, Trial] = {}
 
     @property
@@ -53,22 +45,22 @@ class Schedule:
     @property
     def finished(self) -> bool:
         """Whether every trial has a verdict."""
-        return not self._pending and not self._open
+        return not any(self._halves) and not self._open
 
     def take(self) -> Trial | None:
-        """Open the next trial and return it. None while only twins of open trials are left."""
-        taken = {pair_of(trial) for trial in self._open.values()}
-        for index, trial in enumerate(self._pending):
-            if pair_of(trial) not in taken:
-                del self._pending[index]
-                self._open[trial.id] = trial
-                return trial
-        return None
+        """Open the next trial and return it. None while the last of a half are being driven."""
+        if not self._halves[0] and not self._open:
+            self._halves = [self._halves[1], []]
+        if not self._halves[0]:
+            return None
+        trial = self._halves[0].pop(0)
+        self._open[trial.id] = trial
+        return trial
 
     def put_back(self, trial: Trial) -> None:
         """Return an open trial, so that it runs again."""
         if self._open.pop(trial.id, None) is not None:
-            self._pending.insert(0, trial)
+            self._halves[0].insert(0, trial)
 
     def finish(self, trial: Trial) -> None:
         """Note that an open trial has its verdict."""
@@ -112,7 +104,7 @@ class RunningEvaluations:
                         "begin another",
                     )
                 done = await self._store.trials_by_state(evaluation.id)
-                found = Schedule(suite.draw(evaluation.secret).episodes, evaluation.secret, done[EpisodeState.FINISHED])
+                found = Schedule(suite.draw(evaluation.secret), evaluation.secret, done[EpisodeState.FINISHED])
                 self._schedules[evaluation.id] = found
                 # A closing from now on finds this schedule and drops it. One that came before is seen here.
                 newest = await self._store.evaluation(evaluation.id)

@@ -96,8 +96,8 @@ class Resets:
         if trial is None:
             raise ConflictError(
                 ProblemType.NO_TRIAL_AVAILABLE,
-                f"evaluation {evaluation.id} has {schedule.open} episodes open; at most {limit} may be, and a trial "
-                "and its twin never together; finish one or ask again later",
+                f"evaluation {evaluation.id} has {schedule.open} episodes open; at most {limit} may be, and the second "
+                "half of its episodes begins when the first has ended; finish one or ask again later",
                 headers={"Retry-After": "1"},
             )
         try:
