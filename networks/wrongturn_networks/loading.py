@@ -12,6 +12,7 @@ import numpy as np
 from shapely import union
 
 from wrongturn_networks import drivable
+from wrongturn_networks.drawn import is_drawn, load_drawn
 from wrongturn_networks.errors import CorruptFileError, UnknownTownError
 from wrongturn_networks.junctions import Approach, Exit, Junction, arm_of, direction_of
 from wrongturn_networks.lanes import Lane, Line, heading_of
@@ -30,8 +31,11 @@ def town_names() -> tuple[str, ...]:
 
 
 def load_town(name: str) -> Town:
-    """Return a town, which each process reads once. Raises UnknownTownError, or CorruptFileError for broken files."""
-    return shelf().load(name)
+    """Return a town, which each process reads once. A drawn town is built where it is missing.
+
+    Raises UnknownTownError; CorruptFileError for broken files; TownBuildError if a drawn town cannot be built.
+    """
+    return load_drawn(name) if is_drawn(name) else shelf().load(name)
 
 
 def read_town(directory: Path) -> Town:

@@ -11,8 +11,8 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_judge.home import home
 from wrongturn_networks import Town
+from wrongturn_protocol.home import home
 from wrongturn_sim.camera.ground import CELL, bake
 from wrongturn_sim.camera.solids import rows_of
 
