@@ -11,6 +11,7 @@ from .errors import NetworkError as NetworkError
 from .errors import NoJourneyError as NoJourneyError
 from .errors import RouteNotAvailableError as RouteNotAvailableError
 from .errors import SecretError as SecretError
+from .errors import TownBuildError as TownBuildError
 from .errors import UnknownApproachError as UnknownApproachError
 from .errors import UnknownLaneError as UnknownLaneError
 from .errors import UnknownSuiteError as UnknownSuiteError

@@ -11,6 +11,7 @@ import numpy as np
 from shapely import union
 
 from wrongturn_networks import drivable
+from wrongturn_networks.drawn import is_drawn, load_drawn
 from wrongturn_networks.errors import CorruptFileError, UnknownTownError
 from wrongturn_networks.junctions import Approach, Exit, Junction, arm_of, direction_of
 from wrongturn_networks.lanes import Lane, Line, heading_of
@@ -31,9 +32,10 @@ def town_names() -> tuple[str, ...]:
 def load_town(name: str, scenery: int | None = None) -> Town:
     """Return a town, which each process reads once, with drawn scenery if ``scenery`` is its seed.
 
-    Raises UnknownTownError, or CorruptFileError for broken files.
+    A drawn town is built where it is missing. Raises UnknownTownError; CorruptFileError for broken files;
+    TownBuildError if a drawn town cannot be built.
     """
-    town = shelf().load(name)
+    town = load_drawn(name) if is_drawn(name) else shelf().load(name)
     return town if scenery is None else _with_scenery(town, scenery)
 
 

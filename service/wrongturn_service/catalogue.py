@@ -25,6 +25,7 @@ from wrongturn_networks import (
     suite_ids,
     town_names,
 )
+from wrongturn_networks.drawn import is_built, is_drawn
 from wrongturn_networks.faults import check_fault, faults_at
 from wrongturn_protocol import FieldError, PracticeRequest, ProblemType, Task, TownDetail, Trial
 from wrongturn_service.errors import InvalidRequestError, NotFoundError
@@ -47,8 +48,17 @@ def suite(suite_id: str) -> Suite:
 
 
 def town(name: str, scenery: int | None = None) -> Town:
-    """Return a town by its name, with drawn scenery if its seed is given. Raises NotFoundError."""
-    return _find(lambda: load_town(name, scenery), "town", ProblemType.UNKNOWN_TOWN)
+    """Return a town by its name, with drawn scenery if its seed is given.
+
+    Raises NotFoundError. No request builds a drawn town.
+    """
+
+    def look() -> Town:
+        if is_drawn(name) and not is_built(name):
+            raise UnknownTownError(name, town_names())
+        return load_town(name, scenery)
+
+    return _find(look, "town", ProblemType.UNKNOWN_TOWN)
 
 
 def town_detail(name: str) -> TownDetail:

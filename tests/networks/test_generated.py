@@ -33,7 +33,6 @@ def test_every_seed_makes_a_town_of_its_own() -> None:
 
 
 def test_towns_are_built_with_all_types(tmp_path: Path) -> None:
-    pytest.importorskip("sumo", reason="needs netconvert")
     recipe = generated_recipe(1)
     build(recipe, tmp_path / recipe.name)
     town = read_town(tmp_path / recipe.name)

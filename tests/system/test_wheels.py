@@ -88,12 +88,8 @@ def test_wrongturn_brings_every_part_and_every_extra() -> None:
     assert brought - {("wrongturn", extra) for extra in META["optional-dependencies"]} <= offered | {
         (name, "") for name in PROJECTS
     }
-    # The rest is for those who build towns, draw figures for papers, or have CUDA.
-    assert offered - brought == {
-        ("wrongturn-agents", "figures"),
-        ("wrongturn-networks", "making"),
-        ("wrongturn-service", "cuda"),
-    }
+    # The rest is for those who draw figures for papers, or have CUDA.
+    assert offered - brought == {("wrongturn-agents", "figures"), ("wrongturn-service", "cuda")}
     (everything,) = (Requirement(line) for line in META["optional-dependencies"]["all"])
     assert everything.extras == META["optional-dependencies"].keys() - {"all", "agents", "sim"}
 

@@ -39,6 +39,16 @@ def generated_recipe(seed: int) -> Recipe:
     raise RuntimeError(f"seed: none of {_TRIES} layouts of seed {seed} makes a town; take another seed")
 
 
+def drawn_recipe(name: str) -> Recipe:
+    """Return the recipe of the drawn town of a name; see :mod:`wrongturn_networks.drawn`."""
+    draw = random.Random(name)
+    for _ in range(_TRIES):
+        drawn = _drawn(draw, name, int(name.rpartition("-")[2], 16) >> 11)
+        if drawn is not None:
+            return drawn
+    raise RuntimeError(f"none of {_TRIES} layouts makes a town")
+
+
 def _drawn(draw: random.Random, name: str, seed: int) -> Recipe | None:
     """Return a town; None if the layout that was drawn makes none."""
     columns, rows = draw.choice(COLUMNS), draw.choice(ROWS)

@@ -12,9 +12,9 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_judge.home import home
 from wrongturn_networks import Town
 from wrongturn_networks.per_net import once_per_net
+from wrongturn_protocol.home import home
 from wrongturn_sim.camera.ground import CELL, Grid, bare, dressed
 from wrongturn_sim.camera.solids import rows_of
 

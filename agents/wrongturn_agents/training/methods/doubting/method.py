@@ -13,8 +13,8 @@ from wrongturn_agents.training.methods.doubting.config import DoubtingConfig, Do
 from wrongturn_agents.training.methods.doubting.frames import FrameSource, examine, towns_of, training_towns
 from wrongturn_agents.training.run import Run
 from wrongturn_agents.training.run_directory import BEST
-from wrongturn_judge.home import home
 from wrongturn_protocol import Track
+from wrongturn_protocol.home import home
 
 HELD_OUT: Final = range(1000, 1004)
 """Seeds of the generated towns on whose pictures a run is examined. None of them is learned from."""
