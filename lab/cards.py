@@ -348,7 +348,7 @@ def _draws(agent: ShippedAgent, seed: int) -> str:
             sum(one[name] for one in own) for name in ("unsafe_strict", "trials", "twins_completed", "twins")
         )
         lines.append(f"| {place} | {len(own)} | {unsafe} of {trials} | {done} of {twins} |")
-    head = "| draws of `wrong-command@2`'s cells | draws | unsafe, strict | twins completed |"
+    head = "| draws of `wrong-command@3`'s cells | draws | unsafe, strict | twins completed |"
     return "\n".join([head, "|---|---:|---:|---:|", *lines]) if lines else "No results are stored yet."
 
 

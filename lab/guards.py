@@ -41,7 +41,7 @@ def swerving(trial: Trial, step: int) -> tuple[float, float, float]:
 
 def drives() -> Iterator[tuple[Trial, Track, str]]:
     """Yield 200 drives: trial, track and driver."""
-    commands, navigation = load_suite("wrong-command@2").episodes, load_suite("navigation@1").episodes
+    commands, navigation = load_suite("wrong-command@3").episodes, load_suite("navigation@1").episodes
     for trial in commands[::2]:
         yield trial, Track.PRIVILEGED, "careful"
     for trial in commands[1::2]:

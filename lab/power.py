@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from wrongturn_judge.intervals import RANK_LEVEL, wilson
 
 TRIALS: Final = 60
-"""Trials of ``wrong-command@2``."""
+"""Trials of ``wrong-command@3``."""
 POWER: Final = 0.8
 """Probability with which a difference has to show."""
 OWNERS: Final = 10

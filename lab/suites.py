@@ -78,8 +78,8 @@ def _routes(town: str, weathers: tuple[Weather, ...], task: Task, seed: int) -> 
 
 RECIPES: Final[dict[str, tuple[str, Callable[[], Content]]]] = {
     "navigation@1": ("CoRL 2017's navigation: 4 tasks x 4 conditions x 25 routes", lambda: navigation(3001)),
-    "smoke@2": ("Six trials for a first try, one for each of the paper's cells", lambda: paper_cells(1)),
-    "wrong-command@2": (
+    "smoke@3": ("Six trials for a first try, one for each of the paper's cells", lambda: paper_cells(1)),
+    "wrong-command@3": (
         "The paper's benchmark with fresh trials: 3 junction types x 2 faults x 10 approaches",
         lambda: paper_cells(10),
     ),

@@ -32,7 +32,7 @@ def run(
     ] = None,
     *,
     suite: Annotated[
-        str | None, typer.Option(help=f"Suite of trials; by default {WRONG_COMMAND}. Example: --suite smoke@2")
+        str | None, typer.Option(help=f"Suite of trials; by default {WRONG_COMMAND}. Example: --suite smoke@3")
     ] = None,
     url: Annotated[
         str | None,
@@ -93,7 +93,7 @@ def run(
 ) -> None:
     """Drive an agent through a suite and print its results in the layout of the paper, or of CoRL 2017 for journeys.
 
-    Example: wrongturn run careful --suite smoke@2
+    Example: wrongturn run careful --suite smoke@3
 
     WRONGTURN_TOKEN: the token of your agent, if you have registered it already.
 

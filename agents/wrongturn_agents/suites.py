@@ -9,7 +9,7 @@ from wrongturn_agents.errors import ResultsError
 from wrongturn_client.plugins import LOADERS, entry_points, load
 from wrongturn_protocol import Trial
 
-WRONG_COMMAND: Final = "wrong-command@2"
+WRONG_COMMAND: Final = "wrong-command@3"
 NAVIGATION: Final = "navigation@1"
 
 

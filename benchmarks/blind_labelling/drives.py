@@ -1,6 +1,5 @@
 """Drives that no verdict ends: a car alone, in process."""
 
-import functools
 import math
 from dataclasses import dataclass
 from typing import Final
@@ -37,23 +36,28 @@ class Drive:
     @property
     def trajectory(self) -> Trajectory:
         """The rows, from the actions."""
-        env = _lone_car(self.trial.town, Track.STATE)
+        env = _lone_car(self.trial, Track.STATE)
         env.reset(options={"trial": self.trial})
         for action in self.actions:
             env.step(action[None])
         return env.episode(0).trajectory
 
 
-@functools.cache
-def _lone_car(town: str, track: Track) -> WrongturnVectorEnv:
-    return WrongturnVectorEnv(1, town, track, drive_on=LONGEST, autoreset_mode="Disabled")
+_CARS: dict[tuple[str, int | None, Track], WrongturnVectorEnv] = {}
+
+
+def _lone_car(trial: Trial, track: Track) -> WrongturnVectorEnv:
+    place = trial.town, trial.scenery, track
+    if place not in _CARS:
+        _CARS[place] = WrongturnVectorEnv(1, track=track, trial=trial, drive_on=LONGEST, autoreset_mode="Disabled")
+    return _CARS[place]
 
 
 def drive(driver: str, agent: Agent, trial: Trial) -> Drive:
     """Drive a trial for 62 s, or until the car has left the junction and is far away."""
     track = track_of_agent(agent)
     assert track is not None
-    env = _lone_car(trial.town, track)
+    env = _lone_car(trial, track)
     seen, _ = env.reset(options={"trial": trial})
     agent.reset(observation_space(track))
     actions, over = [], False

@@ -25,7 +25,7 @@ class SuiteSummary(Message):
     """One suite as ``GET /v1/suites`` lists it."""
 
     id: str
-    """Name and version, such as ``wrong-command@2``."""
+    """Name and version, such as ``wrong-command@3``."""
     title: str
     version: int
     sha256: Sha256

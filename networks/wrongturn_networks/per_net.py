@@ -18,7 +18,7 @@ def once_per_net(maxsize: int) -> Callable[[_OfTown[_P, _T]], _OfTown[_P, _T]]:
         cached = functools.lru_cache(maxsize)(function)
 
         @functools.wraps(function)
-        def of(town: Town, *args: _P.args, **kwargs: _P.kwargs) -> _T:
+        def of(town: Town, /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
             return cached(town.plain, *args, **kwargs)  # type: ignore[arg-type]
 
         return of

@@ -23,7 +23,7 @@ class Suite:
     """A versioned list of trials, or of cells to draw trials from, with its checksum."""
 
     id: str
-    """Name and version. Example: ``wrong-command@2``."""
+    """Name and version. Example: ``wrong-command@3``."""
     name: str
     version: int
     title: str

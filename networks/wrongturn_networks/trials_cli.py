@@ -24,7 +24,7 @@ def _hexadecimal(value: str | None) -> str | None:
 
 
 def trials(
-    suite: Annotated[str, typer.Argument(help="Id of the suite. Example: wrong-command@2")],
+    suite: Annotated[str, typer.Argument(help="Id of the suite. Example: wrong-command@3")],
     secret: Annotated[
         str | None,
         typer.Option(
@@ -45,7 +45,7 @@ def trials(
 ) -> None:
     """Show the trials that a secret draws, to rebuild and check an evaluation.
 
-    Example: wrongturn trials wrong-command@2 --secret 5f0c… --json trials.json
+    Example: wrongturn trials wrong-command@3 --secret 5f0c… --json trials.json
 
     The JSON of --json has every field of the trials and twins.
     """

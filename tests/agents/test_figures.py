@@ -155,14 +155,14 @@ def test_the_papers_table_in_latex():
 def test_a_row_for_each_trial(run):
     rows = list(csv.DictReader(io.StringIO(figures.csv_text([run]))))
     assert len(rows) == 12
-    trial = next(one for one in load_suite("smoke@2").open_draw.episodes if one.approach == "J12-E" and not one.is_twin)
+    trial = next(one for one in load_suite("smoke@3").open_draw.episodes if one.approach == "J12-E" and not one.is_twin)
     row = next(row for row in rows if row["trial"] == trial.id)
     told = {
         "agent": "by hand",
         "owner": "us",
         "kind": "submitted",
         "track": "camera",
-        "suite": "smoke@2",
+        "suite": "smoke@3",
         "evaluation": "ev_1",
         "junction_type": "STRAIGHT_LEFT",
         "fault": "infeasible",

@@ -44,7 +44,7 @@ OUT_OF_REACH = {
     "DELETE /v1/admin/{collection}/{item}",
 }
 """Operations that no case need have success with; the tests beside this one do."""
-SUITE = "smoke@2"
+SUITE = "smoke@3"
 
 
 @pytest.fixture
@@ -99,7 +99,7 @@ def schema_of(served: ServedApp) -> Any:
     for (path, method), body in bodies.items():
         document["paths"][path][method]["requestBody"]["content"]["application/json"]["example"] = body
     form = document["paths"]["/v1/submissions"]["post"]["requestBody"]["content"]["multipart/form-data"]
-    form["example"] = {"model": "a model", "suite": "wrong-command@2"}
+    form["example"] = {"model": "a model", "suite": "wrong-command@3"}
     config = schemathesis.Config.from_dict(
         {
             "headers": {"Authorization": f"Bearer {registered['token']}"},

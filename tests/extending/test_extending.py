@@ -166,7 +166,7 @@ def test_a_town_and_a_suite_are_found_by_all_that_take_a_name(
 ) -> None:
     install(town_and_suite)
     assert town_names() == ("Town01", "Town02", "junctions", "village")
-    assert suite_ids() == ("navigation@1", "rainy@1", "smoke@2", "wrong-command@2")
+    assert suite_ids() == ("navigation@1", "rainy@1", "smoke@3", "wrong-command@3")
     assert "village" in wrongturn("towns")
     assert "rainy@1" in wrongturn("suites")
     assert len(json.loads(wrongturn("trials", "rainy@1", "--json"))["trials"]) == 4
@@ -235,10 +235,10 @@ def test_a_figure_is_shown_beside_the_shipped_one(install_page: Install) -> None
         async with application(folder, FakePool()) as http:
             del http.headers["Authorization"]
             agent = expect(await http.post("/v1/agents", json={"name": "leaver", "track": "privileged"}), 201)["id"]
-            board = "/leaderboards/smoke@2"
+            board = "/leaderboards/smoke@3"
             assert "Aborted trials" not in (await http.get(board)).text
             service = http.app.state.service
-            await store_evaluation(service, agent, load_suite("smoke@2"), lambda _: outcome(Verdict.ABORTED))
+            await store_evaluation(service, agent, load_suite("smoke@3"), lambda _: outcome(Verdict.ABORTED))
             page = (await http.get(board)).text
             assert '<h2 id="aborted-trials">Aborted trials</h2>' in page
             assert "<title>leaver</title>" in page

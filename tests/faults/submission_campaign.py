@@ -20,7 +20,7 @@ from small_models import steady, wavering
 from wrongturn_client import Client
 from wrongturn_protocol import SubmissionDetail, SubmissionState
 
-SUITE = "smoke@2"
+SUITE = "smoke@3"
 MODELS = {"steady": steady(0.02), "wavering": wavering()}
 """One that remembers nothing, and one whose way depends on all the steps before."""
 PATIENCE_S = 120.0

@@ -8,7 +8,7 @@ from wrongturn_judge.comparison import Side, compare
 from wrongturn_networks import load_suite
 from wrongturn_protocol import AgentDetail, AgentKind, FaultKind, JunctionType, Outcome, Track, Verdict
 
-SUITE = load_suite("wrong-command@2")
+SUITE = load_suite("wrong-command@3")
 
 
 def side(name: str, secret: str, unsafe: range = range(0), verdict: Verdict = Verdict.COLLISION, **more) -> Side:

@@ -120,10 +120,10 @@ def test_results_of_either_kind_of_file_are_stored(tmp_path):
     scored = tmp_path / "scored.json"
     scored.write_text(wrong_command("ppo-image", (1, 0, 0, 0, 0, 0), seed=3).model_dump_json())
     stored = import_results(scored, tmp_path, seed=4, variant="masked-classes")
-    assert stored.name == "ppo-image.masked-classes.s4.wrong-command@2.in-process.json"
+    assert stored.name == "ppo-image.masked-classes.s4.wrong-command@3.in-process.json"
     run = tmp_path / "run.json"
     run.write_text(driven_run(lambda _: {}).model_dump_json())
-    assert import_results(run, tmp_path, agent="careful").name == "careful.smoke@2.over-the-service.json"
+    assert import_results(run, tmp_path, agent="careful").name == "careful.smoke@3.over-the-service.json"
     with pytest.raises(ResultsError, match="--import: seed: "):
         import_results(scored, tmp_path, seed=-1)
 

@@ -41,8 +41,8 @@ def refused(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
 
 
 def test_the_table_has_a_row_for_each_trial_with_its_twin() -> None:
-    lines = shown("wrong-command@2", "--secret", SECRET).splitlines()
-    draw = load_suite("wrong-command@2").draw(SECRET)
+    lines = shown("wrong-command@3", "--secret", SECRET).splitlines()
+    draw = load_suite("wrong-command@3").draw(SECRET)
     assert f"secret      {SECRET}" in lines
     assert f"commitment  {COMMITMENT}" in lines
     rows = [line.split() for line in lines if line.startswith("Town01.")]
@@ -62,18 +62,18 @@ def test_the_table_has_a_row_for_each_trial_with_its_twin() -> None:
 
 @pytest.mark.parametrize("secret", [None, SECRET])
 def test_json_has_the_whole_trials(secret: str | None) -> None:
-    content = json.loads(shown("smoke@2", "--json", *(() if secret is None else ("--secret", secret))))
-    suite = load_suite("smoke@2")
-    draw = suite.draw(secret or "smoke@2")
+    content = json.loads(shown("smoke@3", "--json", *(() if secret is None else ("--secret", secret))))
+    suite = load_suite("smoke@3")
+    draw = suite.draw(secret or "smoke@3")
     assert [Trial.model_validate(trial) for trial in content["trials"]] == list(draw.trials)
     assert [Trial.model_validate(twin) for twin in content["twins"]] == list(draw.twins)
-    assert (content["suite"], content["sha256"]) == ("smoke@2", suite.sha256)
+    assert (content["suite"], content["sha256"]) == ("smoke@3", suite.sha256)
     assert (content["secret"], content["commitment"]) == (draw.secret, draw.commitment)
 
 
 def test_the_open_draw_says_that_it_is_never_ranked() -> None:
-    assert "smoke@2: the open draw, which is never ranked" in shown("smoke@2")
-    assert "never ranked" not in shown("smoke@2", "--secret", SECRET)
+    assert "smoke@3: the open draw, which is never ranked" in shown("smoke@3")
+    assert "never ranked" not in shown("smoke@3", "--secret", SECRET)
 
 
 def test_a_suite_that_lists_its_trials() -> None:
@@ -88,23 +88,23 @@ def test_a_suite_that_lists_its_trials() -> None:
 
 @pytest.mark.parametrize("commitment", [COMMITMENT, COMMITMENT.upper()])
 def test_the_right_commitment_is_accepted(commitment: str) -> None:
-    assert COMMITMENT in shown("smoke@2", "--secret", SECRET, "--commitment", commitment)
+    assert COMMITMENT in shown("smoke@3", "--secret", SECRET, "--commitment", commitment)
 
 
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [
         (
-            ("smoke@2", "--secret", SECRET, "--commitment", OTHER),
+            ("smoke@3", "--secret", SECRET, "--commitment", OTHER),
             1,
             f"commitment: the secret's SHA-256 is {COMMITMENT}, not {OTHER}; ",
         ),
-        (("smoke@9",), 1, "suite: 'smoke@9' is not known; there are: navigation@1, smoke@2"),
+        (("smoke@9",), 1, "suite: 'smoke@9' is not known; there are: navigation@1, smoke@3"),
         (("navigation@1", "--secret", "x"), 1, "secret: navigation@1 lists its trials and draws none; leave"),
-        (("smoke@2", "--secret", ""), 1, "secret: is empty; give the evaluation's, or leave it out"),
-        (("smoke@2", "--commitment", COMMITMENT), 1, "secret: missing; --commitment checks a secret, so give --secret"),
+        (("smoke@3", "--secret", ""), 1, "secret: is empty; give the evaluation's, or leave it out"),
+        (("smoke@3", "--commitment", COMMITMENT), 1, "secret: missing; --commitment checks a secret, so give --secret"),
         (
-            ("smoke@2", "--secret", "x", "--commitment", "ab"),
+            ("smoke@3", "--secret", "x", "--commitment", "ab"),
             2,
             "--commitment: 'ab' is no SHA-256; give the evaluation",
         ),

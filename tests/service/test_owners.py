@@ -48,7 +48,7 @@ def test_an_owners_agents(http: httpx.Client) -> None:
     told = problem(http.post("/v1/agents", json=body, headers=bearer(agents[0])), 403, "forbidden")
     assert "agent's token" in told["detail"]
     problem(http.post("/v1/agents", json=body, headers={"Authorization": "Bearer guess"}), 401, "unauthenticated")
-    problem(http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=bearer(owner)), 401, "unauthenticated")
+    problem(http.post("/v1/evaluations", json={"suite": "smoke@3"}, headers=bearer(owner)), 401, "unauthenticated")
     # The same tokens register no owner either.
     another = {"name": name()}
     told = problem(http.post("/v1/owners", json=another, headers=bearer(agents[0])), 403, "forbidden")

@@ -41,7 +41,7 @@ def test_pictures_of_another_camera_and_size():
 
 
 def test_trials_of_a_draw_with_their_own_windows(drive, same_in_a_batch):
-    driven = [drive(trial) for trial in load_suite("wrong-command@2").draw("a secret of this test").episodes[:8]]
+    driven = [drive(trial) for trial in load_suite("wrong-command@3").draw("a secret of this test").episodes[:8]]
     assert len({episode.trial.window for episode in driven}) == 8
     same_in_a_batch(driven)
 
@@ -213,11 +213,11 @@ def test_what_cannot_be_made_says_why(arguments, named):
 
 
 def test_a_trial_whose_beginning_was_interrupted_is_judged_as_ever(monkeypatch):
-    first, second = load_suite("wrong-command@2").episodes[0], load_suite("wrong-command@2").episodes[-1]
+    first, second = load_suite("wrong-command@3").episodes[0], load_suite("wrong-command@3").episodes[-1]
     assert first.approach != second.approach
 
     def made():
-        return WrongturnVectorEnv(1, "Town01", "privileged", autoreset_mode="Disabled")
+        return WrongturnVectorEnv(1, track="privileged", suite="wrong-command@3", autoreset_mode="Disabled")
 
     def driven(envs, trial):
         envs.reset(seed=0, options={"trial": [trial]})

@@ -69,7 +69,7 @@ def follow(text: str, folder: Path) -> tuple[str, dict[str, object]]:
         for command in shown[here + 1 :]:
             assert SERVED_AT in command
             last = run(command.replace(SERVED_AT, service.url), folder)
-        (entry,) = json.loads(run(f"wrongturn leaderboard smoke@2 --url {service.url} --json", folder))["entries"]
+        (entry,) = json.loads(run(f"wrongturn leaderboard smoke@3 --url {service.url} --json", folder))["entries"]
     return last, entry
 
 

@@ -42,7 +42,7 @@ def environment(**more: str) -> dict[str, str]:
 
 def entry_of(service: LocalService, evaluation: str) -> dict[str, Any]:
     with Client(service.url) as client:
-        entries = client.leaderboard("smoke@2").entries
+        entries = client.leaderboard("smoke@3").entries
     (entry,) = [entry for entry in entries if entry.evaluation == evaluation]
     return entry.model_dump(mode="json")
 
@@ -78,7 +78,7 @@ def test_curl_leads_from_a_fresh_service_to_a_rank(service: LocalService, folder
 def test_the_command_leads_to_a_rank(service: LocalService, folder: Path) -> None:
     (line,) = re.findall(r"```bash\nwrongturn (submit .*)\n```", PAGE)
     arguments = shlex.split(
-        line.replace("wrong-command@2", "smoke@2").replace("https://wrongturn.example.org", service.url)
+        line.replace("wrong-command@3", "smoke@3").replace("https://wrongturn.example.org", service.url)
     )
     command = [sys.executable, "-m", "wrongturn_client", *arguments]
     home = environment(WRONGTURN_HOME=str(folder / "home"))
@@ -105,7 +105,7 @@ def test_a_broken_model_says_what_is_wrong_and_frees_its_name(service: LocalServ
     helper.set_model_props(broken, {"track": "camera"})
     (folder / "broken.onnx").write_bytes(broken.SerializeToString())
     home = environment(WRONGTURN_HOME=str(folder / "home"))
-    command = [sys.executable, "-m", "wrongturn_client", "submit", "broken.onnx", "--suite", "smoke@2"]
+    command = [sys.executable, "-m", "wrongturn_client", "submit", "broken.onnx", "--suite", "smoke@3"]
     for _ in range(2):
         done = subprocess.run(
             [*command, "--url", service.url], cwd=folder, env=home, capture_output=True, text=True, check=False

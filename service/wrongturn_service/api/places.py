@@ -26,7 +26,7 @@ async def suites(service: ServiceDep) -> Response:
 
 @suites_router.get("/{suite}", **described(SuiteDetail, 404))
 async def suite(service: ServiceDep, suite: str) -> Response:
-    """Show one suite, such as ``wrong-command@2``, and the cells from which each evaluation draws its trials."""
+    """Show one suite, such as ``wrong-command@3``, and the cells from which each evaluation draws its trials."""
     return await _made_once(service, f"suite {suite}", lambda: catalogue.suite(suite).detail())
 
 

@@ -23,7 +23,7 @@ from wrongturn_service.web.page import numbered_page, rendered, sent
 from wrongturn_service.web.standings import page_count, standings
 
 router = APIRouter(include_in_schema=False)
-FIRST: Final = "wrong-command@2"
+FIRST: Final = "wrong-command@3"
 """The suite whose leaderboard is the first page."""
 Filter = Annotated[str, Query(max_length=40)]
 _KINDS: Final = (AgentKind.SUBMITTED, AgentKind.REFERENCE, AgentKind.BASELINE, AgentKind.EXPLOIT, AgentKind.ALGORITHM)

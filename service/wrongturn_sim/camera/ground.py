@@ -183,7 +183,8 @@ def bare(town: Town) -> tuple[Grid, Raster]:
     kind[road > 0] = ROAD
     kind[marking > 0] = MARKING
     tones = np.clip(_tones(town, grid, kind, road, walk), 0, _BRIGHTEST).astype(np.uint8)
-    return grid, kind << 5 | tones
+    tones |= kind << 5
+    return grid, tones
 
 
 def dressed(grid: Grid, ground: Raster, scenery: Iterable[SceneryObject]) -> Raster:
