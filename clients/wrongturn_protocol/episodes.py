@@ -221,7 +221,7 @@ def twin_id(trial: Trial) -> str:
 
 
 class Cell(Message):
-    """A trial of a suite that has not been drawn yet. The draw chooses approach, route, start, window, watch and seed."""
+    """A trial of a suite that has not been drawn yet. The draw chooses approach, route, start, window and seed."""
 
     town: str
     junction_type: JunctionType
