@@ -19,7 +19,7 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from lab import cards, curves, doubting, films, order, studies, tables
+from lab import cards, curves, doubting, endings, films, order, studies, tables
 from lab.stored_results import Collection, StoredResults
 from lab.tables import OutdatedPageError
 from wrongturn_agents.errors import AgentsError, ResultsError
@@ -42,7 +42,8 @@ def sections(collection: Collection) -> Sections:
         "navigation": partial(tables.navigation_table, collection),
         "traffic": partial(tables.traffic_table, collection),
         "wrong-command": partial(tables.wrong_command_table, collection),
-        "endings": partial(tables.endings_table, collection),
+        "endings": partial(endings.endings_table, collection),
+        "paper-endings": partial(endings.paper_endings_table, collection),
         "order": partial(order.order_in_words, collection),
         "ablations": partial(tables.ablations_table, collection),
         "thresholds": studies.thresholds_table,

@@ -1,6 +1,5 @@
 """The tables of the stored results: ours beside the paper's, by junction type, condition and training seed."""
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,17 +16,7 @@ from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
 from wrongturn_agents.stored_results import ALGORITHMS, table_order
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_client.tables import plain_table
-from wrongturn_protocol import (
-    PAPER,
-    PAPER_TYPES,
-    Condition,
-    FaultKind,
-    JunctionType,
-    PaperAgent,
-    Reaction,
-    Task,
-    Verdict,
-)
+from wrongturn_protocol import PAPER, PAPER_TYPES, Condition, FaultKind, JunctionType, PaperAgent, Task, Verdict
 from wrongturn_protocol.standing_rows import TRAINED, wilson
 
 Row = tuple[str, ...]
@@ -44,14 +33,6 @@ CONDITIONS: Final = {
 }
 _CELLS: Final = tuple((kind, fault) for kind in PAPER_TYPES for fault in FAULTS)
 _TWINS_OF_A_DRIVER: Final = 0.9  # the share of its twins that an agent must complete, here and for a rank
-_ENDS: Final = {
-    Verdict.OFF_ROAD: "off road",
-    Verdict.STOPPED_IN_JUNCTION: "stopped inside",
-    Verdict.STOPPED_BEFORE_JUNCTION: "stopped before",
-    Verdict.WRONG_WAY: "wrong way",
-    Verdict.COLLISION: "collision",
-    **dict.fromkeys((Verdict.EXIT_COMMANDED, Verdict.EXIT_ROUTE, Verdict.EXIT_OTHER), "exit"),
-}
 
 
 class OutdatedPageError(ResultsError):
@@ -232,36 +213,6 @@ def summary_table(collection: Collection) -> Table:
     head = ("agent", "no such turn, of 30", "follow lane, of 30", "unsafe of 60, strict (95 %)", "twins completed",
             "the paper's column", "the paper", "strict over seeds")  # fmt: skip
     return Table("Unsafe episodes in short", head, rows, words=1)
-
-
-def endings_table(collection: Collection) -> Table:
-    """Return how a trained agent's trials with a fault ended, and how it reacted, in percent."""
-    rows: list[Row] = []
-    for agent in collection.agents(WRONG_COMMAND):
-        by_seed = collection.by_seed(WRONG_COMMAND, agent).items()
-        files = [file for seed, file in by_seed if seed is not None and count_unsafe(file).drives]
-        own: list[Row] = []
-        for fault, command in FAULTS.items() if files else ():
-            found = [
-                one
-                for file in files
-                for name, one in file.trials.items()
-                if file.drawn.trials[name].fault.kind is fault
-            ]
-            ends = Counter(_ENDS.get(one.verdict, "other end") for one in found)
-            reactions = Counter(str(one.reaction) for one in found if one.reaction not in {None, Reaction.EXIT})
-            own.append((command, str(len(found)), _percent(ends, len(found)), _percent(reactions, len(found))))
-        rows += label_first(label(agent), own)
-    note = (
-        "Percent of the trials of all seeds that drive; stopped inside or before the junction. To "
-        '"follow lane", taking an exit is a reaction too, and is left out in the last column.'
-    )
-    head = ("agent", "command", "trials", "how they ended", "how the agent reacted")
-    return Table("How trials under a wrong command ended", head, rows, note if rows else "", words=5)
-
-
-def _percent(counts: Counter[str], of: int) -> str:
-    return ", ".join(f"{name} {100 * count / of:.0f}" for name, count in counts.most_common())
 
 
 class Success(NamedTuple):

@@ -105,6 +105,7 @@ class JudgeGeometry:
             (self.area, *self.other_areas),
             [(lane.polygon, lane.centreline) for lane in self.lanes],
             self.approach,
+            2 * abs(self.street_axis),  # right-hand traffic: the street's axis is the lane's left side
             [(lane.centreline, lane.width) if lane else None for lane in lanes_of_exits],
         )
 

@@ -294,6 +294,7 @@ def pack(
     areas: Sequence[BaseGeometry],
     lanes: Sequence[tuple[BaseGeometry, Floats]],
     approach: Floats,
+    approach_width: float,
     exits: Iterable[tuple[Floats, float] | None],
 ) -> Packed:
     """Pack the geometry of one approach, whose lane has the centre line ``approach`` (n, 2), without boxes.
@@ -318,7 +319,7 @@ def pack(
     head.stop_ux, head.stop_uy = line[-1, 2:4].tolist()
     known = [(np.empty((0, 6)), 0.0) if one is None else (segments_of(one[0]), one[1]) for one in exits]
     head.exits = packer.add_ints([(packer.add_floats(line), len(line)) for line, _ in known])
-    head.widths = packer.add_floats([width for _, width in known])
+    head.widths = packer.add_floats([*(width for _, width in known), approach_width])
 
     area, lane = np.zeros_like(surface.codes), np.zeros_like(surface.codes)
     for codes, shapes, edge in ((area, area_edges, kernels.AREA_EDGE), (lane, lane_edges, kernels.LANE_EDGE)):
@@ -338,6 +339,9 @@ def numbers_of(thresholds: Thresholds = THRESHOLDS, limits: JourneyThresholds = 
         if name.endswith(("_time", "_total", "time_limit")):
             values[name] -= CLOCK_TOLERANCE
     values["exit_cos"] = math.cos(math.radians(thresholds.exit_heading))
+    values["across_cos"] = math.cos(math.radians(thresholds.across_heading))
+    values["turn_limit"] = math.radians(thresholds.turn_limit)
+    values["speed_limit"] = thresholds.speed_limit / 3.6
     values["front_axle"], values["rear_axle"] = VEHICLE.wheelbase - VEHICLE.rear_axle, -VEHICLE.rear_axle
     values["wheel_side"] = VEHICLE.half_track
     values["half_length"], values["half_width"] = VEHICLE.half_length, VEHICLE.half_width

@@ -22,6 +22,11 @@ EXPECTED = {
     "stopped-before-over-the-line": (Verdict.STOPPED_BEFORE_JUNCTION, Reaction.FROZE, ()),
     "stopped-in-junction": (Verdict.STOPPED_IN_JUNCTION, Reaction.FROZE, ()),
     "wrong-way-by-the-oncoming-lane": (Verdict.WRONG_WAY, None, (Flag.OPPOSED_LANE,)),
+    "off-road-after-an-exit": (Verdict.OFF_ROAD, Reaction.OBEYED, ()),
+    "stopped-with-its-tail-in-the-junction": (Verdict.STOPPED_IN_JUNCTION, Reaction.FROZE, ()),
+    "stopped-across-the-lane": (Verdict.STOPPED_BEFORE_JUNCTION, None, (Flag.OPPOSED_LANE, Flag.STOPPED_ACROSS)),
+    "unfinished-past-the-junction": (Verdict.UNFINISHED, None, ()),
+    "exit-at-60-km-h": (Verdict.EXIT_COMMANDED, None, (Flag.SPEEDING,)),
     "not-engaged": (Verdict.NOT_ENGAGED, Reaction.OTHER, ()),
 }
 

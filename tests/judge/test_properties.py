@@ -286,10 +286,10 @@ def test_who_ends_on_an_opposed_lane_has_the_flag(one: Drive, kind: JunctionType
     along = [math.cos(last.yaw - _heading(lane)) for lane in geometry.lanes if lane.polygon.contains(here)]
     assume(all(abs(one) > 1e-6 for one in along))
     if min(along, default=1.0) < 0.0 and not geometry.area.contains(here):
-        assert outcome.flags == (Flag.OPPOSED_LANE,)
+        assert Flag.OPPOSED_LANE in outcome.flags
         assert outcome.unsafe_strict
     elif (outcome.opposed_lane_m or 0.0) < 10.0:
-        assert outcome.flags == ()
+        assert Flag.OPPOSED_LANE not in outcome.flags
 
 
 def _heading(lane: LaneStrip) -> float:
@@ -308,7 +308,7 @@ LONG = [
 @pytest.mark.parametrize("factor", [0.8, 1.2, 20.0])
 @pytest.mark.parametrize("name", [field.name for field in dataclasses.fields(Thresholds)])
 def test_a_long_record_can_be_judged_by_any_thresholds(name: str, factor: float) -> None:
-    if factor == 20.0 and name in {"wheels_off", "exit_heading"}:
+    if factor == 20.0 and name in {"wheels_off", "exit_heading", "across_heading"}:
         return
     other = dataclasses.replace(THRESHOLDS, **{name: getattr(THRESHOLDS, name) * factor})
     for rows in LONG:

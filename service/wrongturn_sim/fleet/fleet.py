@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from wrongturn_judge import JourneyGeometry, decide
 from wrongturn_judge.judges import terms_of
 from wrongturn_judge.outcomes import conclude, conclude_journey, journey_fields
+from wrongturn_judge.packing import CLOCK_TOLERANCE
 from wrongturn_judge.thresholds import THRESHOLDS
 from wrongturn_judge.trajectory import RoadUser, Row, Trajectory
 from wrongturn_networks import Town
@@ -193,6 +194,7 @@ class Fleet:
             egos.approaches[i] = self._tables.row_of(trial)
             egos.faults[i] = _COMPILED.get(type(fault), kernel.FAULT_OTHER)
             egos.routes[i] = int(trial.route)
+            egos.watches[i] = trial.watch - CLOCK_TOLERANCE
             journey = trial.journey
             egos.journeys[i] = journey is not None
             egos.goals[i] = 0 if journey is None else self._tables.goal_of(journey.goal)
