@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -10,6 +11,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from torch import Tensor
 
+from wrongturn_networks import Town
 from wrongturn_protocol import Outcome, Track, Trial
 from wrongturn_sim import FleetTraffic, WrongturnVectorEnv
 
@@ -81,6 +83,8 @@ def drive_trials(
     batch: int | None = None,
     patience: float | None = None,
     strict: bool = False,
+    towns: Mapping[str, Town] = MappingProxyType({}),
+    own_traffic: FleetTraffic = FleetTraffic(),  # noqa: B008 - immutable
     stop: Callable[[], bool] = lambda: False,
 ) -> list[list[DrivenTrial]]:
     """Drive every trial with every model, all side by side.
@@ -98,6 +102,8 @@ def drive_trials(
             seconds. None never gives up.
         strict: as in training, a journey fails when the car leaves its road or lane, or stands for 10 s. Scores never
             use it.
+        towns: the towns of the trials that are not installed, by name.
+        own_traffic: how other road users behave.
         stop: called before each decision; True gives up all drives that have not ended.
 
     Returns:
@@ -106,7 +112,7 @@ def drive_trials(
     device = torch.device(device)
     options = {
         "track": Track(track),
-        "own_traffic": FleetTraffic(),
+        "own_traffic": own_traffic,
         "threads": threads,
         "strict": strict,
         **({"backend": "cuda"} if device.type == "cuda" else {}),
@@ -116,13 +122,13 @@ def drive_trials(
     found: dict[int, DrivenTrial] = {}
     by_town = sorted(range(len(assigned)), key=lambda i: assigned[i][1].town)
     for town, numbers in groupby(by_town, key=lambda i: assigned[i][1].town):
-        found |= _in_town(town, list(numbers), assigned, device, width, patience, stop, options)
+        found |= _in_town(towns.get(town, town), list(numbers), assigned, device, width, patience, stop, options)
     count = len(trials)
     return [[found[i * count + k] for k in range(count)] for i in range(len(models))]
 
 
 def _in_town(
-    town: str,
+    town: str | Town,
     numbers: list[int],
     assigned: Sequence[tuple[AnyModel, Trial]],
     device: torch.device,
