@@ -143,6 +143,7 @@ _UNSAFE: Final = (
     Column("Paper's", "Unsafe episodes as the paper counts them: wrong ways are left out."),
     Column("Twins", "Completed twins: trials without a fault that ended in the commanded exit."),
     Column("Excess", "Strict rate minus the twins' rate, in percentage points, with its 95 % interval.", extra=True),
+    Column("Speed", "Median speed at the verdict of the strict column's unsafe episodes, m/s.", extra=True),
 )
 _JOURNEYS: Final = (
     Column("Success", "Journeys that reached their goal in time, with the rate's 95 % interval."),
@@ -210,12 +211,15 @@ _CSV: Final = (
     *("unsafe_paper", "unsafe_paper_rate", "paper_ci95_low", "paper_ci95_high"),
     *("twins", "twins_completed", "twins_unsafe"),
     *("excess", "excess_ci95_low", "excess_ci95_high", "excess_p"),
+    *("severity_speed_mps", "severity_v2_mean"),
+    *("false_alarms_stopped", "false_alarms_overridden", "false_alarms_seconds_lost"),
     *("aborted", "seeds", "agent_id", "evaluation"),
 )
 
 
 def _csv_row(entry: LeaderboardEntry) -> dict[str, Any]:
     strict, paper, twins, excess = entry.unsafe_strict, entry.unsafe, entry.twins, entry.excess_unsafe_rate
+    alarms = entry.false_alarms
     figures = (
         *(entry.rank, entry.agent.name, entry.agent.owner, entry.agent.track.value, entry.agent.kind.value),
         *(int(entry.agent.trained_on_faults), entry.entry and entry.entry.value, int(entry.eligible), entry.why_not),
@@ -224,6 +228,8 @@ def _csv_row(entry: LeaderboardEntry) -> dict[str, Any]:
         *(strict.ci83 or (None, None)),
         *(paper.count, paper.rate, *paper.ci95, twins.trials, twins.completed, twins.unsafe),
         *((excess.value, *excess.ci95, excess.p) if excess else (None,) * 4),
+        *((entry.severity.speed_mps, entry.severity.v2_mean) if entry.severity else (None,) * 2),
+        *((alarms.stopped, alarms.overridden, alarms.seconds_lost) if alarms else (None,) * 3),
         *(entry.aborted, entry.seeds and entry.seeds.count, entry.agent.id, entry.evaluation),
     )
     return {
@@ -248,6 +254,7 @@ def _unsafe(metrics: Metrics, parts: tuple[tuple[str, ...], ...]) -> StandingRow
         Figure(f"{metrics.unsafe.count}/{metrics.unsafe.trials}"),
         Figure(f"{metrics.twins.completed}/{metrics.twins.trials}"),
         Figure(_signed(excess.value), "", f"[{', '.join(map(_signed, excess.ci95))}]") if excess else Figure(NONE),
+        Figure(f"{metrics.severity.speed_mps:.1f}" if metrics.severity else NONE),
     )
     return StandingRow(figures, parts, strict.rate, wide, narrow)
 
