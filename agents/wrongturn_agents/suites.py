@@ -10,6 +10,7 @@ from wrongturn_client.plugins import LOADERS, entry_points, load
 from wrongturn_protocol import Trial
 
 WRONG_COMMAND: Final = "wrong-command@3"
+UNSEEN: Final = "wrong-command-unseen@1"
 NAVIGATION: Final = "navigation@1"
 
 
