@@ -157,7 +157,7 @@ def possible_trials(cell: Cell) -> tuple[Trial, ...]:
 def _dealt(
     cells: Sequence[Cell], alike: Callable[[Cell], Cell], deal: Callable[[Cell, int, int], Sequence[_T]]
 ) -> list[_T]:
-    """Return what each cell gets. ``deal`` serves all that are alike, given one, the index of the first, their number."""
+    """Return what each cell gets. ``deal`` serves all alike ones, given the first, its index and their number."""
     groups: dict[Cell, list[int]] = {}
     for index, cell in enumerate(cells):
         groups.setdefault(alike(cell), []).append(index)

@@ -106,12 +106,12 @@ class Suite:
         """Return the suite as the service shows it alone, with its cells."""
         return SuiteDetail(**self.summary().model_dump(), cells=self.cells)
 
-    def trial_list(self) -> TrialList:
-        """Return the trials of the open draw as the service lists them, each with its twin's id if it has one."""
+    def trial_list(self, draw: Draw | None = None) -> TrialList:
+        """Return the trials of a draw, by default the open one, as the service lists them, with the ids of twins."""
         return TrialList(
             trials=tuple(
                 TrialDetail.model_validate({**trial.model_dump(), "twin": None if trial.journey else twin_id(trial)})
-                for trial in self.trials
+                for trial in (draw or self.open_draw).trials
             ),
             draw="open" if self.cells else "listed",
         )

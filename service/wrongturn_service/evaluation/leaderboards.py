@@ -20,6 +20,7 @@ from wrongturn_protocol import (
 )
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import detail
+from wrongturn_service.episodes.draws import Draws
 from wrongturn_service.errors import InvalidRequestError, NotFoundError
 from wrongturn_service.evaluation.algorithms import algorithm_rows
 from wrongturn_service.storage.store import Store
@@ -28,8 +29,9 @@ from wrongturn_service.storage.store import Store
 class Leaderboards:
     """Leaderboards by suite."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: Store, draws: Draws) -> None:
         self._store = store
+        self._draws = draws
         self._boards: dict[str, tuple[Leaderboard, bytes]] = {}
         self._algorithms: dict[str, list[RankingInput]] = {}
         self._lock = asyncio.Lock()
@@ -83,7 +85,8 @@ class Leaderboards:
     async def compare(self, suite_id: str, a: str, b: str) -> Comparison:
         """Compare two agents, each given by id or name.
 
-        Raises NotFoundError if there is no such suite, agent or entry; InvalidRequestError for twice the same agent.
+        Raises NotFoundError if there is no such suite, agent or entry; InvalidRequestError for twice the same agent;
+        UnavailableError while the towns of one of their draws are built again.
         """
         suite = catalogue.suite(suite_id)
         board = await self.board(suite_id)
@@ -111,7 +114,7 @@ class Leaderboards:
         assert evaluation is not None
         return Side(
             agent=entry.agent,
-            draw=await asyncio.to_thread(suite.draw, evaluation.secret),
+            draw=self._draws.get(suite, evaluation.secret),
             outcomes=await self._store.outcomes(evaluation.id),
             why_not=entry.why_not,
         )
