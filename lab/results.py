@@ -19,7 +19,7 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from lab import cards, curves, doubting, endings, films, order, studies, tables
+from lab import cards, curves, doubting, endings, films, order, redraws, studies, tables
 from lab.stored_results import Collection, StoredResults
 from lab.tables import OutdatedPageError
 from wrongturn_agents.errors import AgentsError, ResultsError
@@ -48,6 +48,8 @@ def sections(collection: Collection) -> Sections:
         "ablations": partial(tables.ablations_table, collection),
         "thresholds": studies.thresholds_table,
         "draws": studies.draws_table,
+        "redraws": redraws.coverage_table,
+        "separation": redraws.separation_table,
         "evaluations": studies.evaluations_table,
         "failures": films.ways_table,
         "collisions": films.collisions_table,

@@ -40,7 +40,7 @@ from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_judge import THRESHOLDS, Thresholds, judge_of
 from wrongturn_networks import load_suite, town_of
 from wrongturn_protocol import FaultKind, RunFile, Trial
-from wrongturn_protocol.standing_rows import wilson
+from wrongturn_protocol.intervals import wilson
 from wrongturn_sim import JudgeGeometry, Trajectory
 
 STUDIES: Final = LAB / "studies"

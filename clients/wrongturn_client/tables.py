@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from wrongturn_protocol import Comparison, Leaderboard, LeaderboardEntry, Metrics
-from wrongturn_protocol.standing_rows import MARKS, Columns, StandingRow, name_of, notes_of, rank_of
+from wrongturn_protocol.standing_rows import INTERVALS, MARKS, Columns, StandingRow, name_of, notes_of, rank_of
 from wrongturn_protocol.words import name
 
 WIDTH: Final = 132
@@ -118,6 +118,7 @@ def _notes(leaderboard: Leaderboard) -> list[str]:
         f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} not ranked: {why}" for why, names in named.items()
     ]
     names = " ".join(map(name_of, leaderboard.entries))
+    lines += [INTERVALS] * bool(leaderboard.entries)
     lines += [f"{mark} {meaning}." for mark, meaning in MARKS.items() if mark in names]
     return lines
 
@@ -183,7 +184,7 @@ def _below(metrics: Metrics) -> list[str]:
                 f"for each of {total.distance:.1f} km: {rate.off_road:.2f} times off the road, "
                 f"{rate.wrong_lane:.2f} in an oncoming lane, {rate.collisions:.2f} collisions"
             )
-    return lines
+    return [*lines, INTERVALS]
 
 
 def comparison_table(comparison: Comparison) -> Table:

@@ -43,6 +43,7 @@ from .leaderboards import SeedOutcome as SeedOutcome
 from .leaderboards import Seeds as Seeds
 from .leaderboards import SeedSpread as SeedSpread
 from .leaderboards import StratumComparison as StratumComparison
+from .leaderboards import Tie as Tie
 from .model_contract import ContractError as ContractError
 from .model_contract import ModelContract as ModelContract
 from .model_contract import ModelSignature as ModelSignature

@@ -86,7 +86,7 @@ class Service:
         self.pages = Cache(_PAGES, at_once=1)
         self.cache = Cache()
         self.documents = Cache(_DOCUMENTS, size=len)
-        self.leaderboards = Leaderboards(self.store, self.draws)
+        self.leaderboards = Leaderboards(self.store)
         self.idempotency = Idempotency(self.store)
         self.sockets = ConnectionLimits(each=settings.max_sockets, address=settings.max_sockets_per_address)
 

@@ -16,6 +16,7 @@ from wrongturn_agents.figures.junction_maps import installed_town
 from wrongturn_agents.figures.rate_charts import mcnemar
 from wrongturn_networks import load_suite
 from wrongturn_protocol import FaultKind, Flag, Reaction, Trial, Verdict
+from wrongturn_protocol.standing_rows import INTERVALS
 
 OFF_ROAD = {"verdict": Verdict.OFF_ROAD, "reaction": Reaction.OBEYED, "time": 4.0}
 
@@ -143,10 +144,11 @@ def test_the_papers_table_in_latex():
         "ours\\_1 \\& 50\\% & infeasible & 1/10 & 3/10 & 5/10 & 21/60 & [24, 48] \\% & 21/60 & 56/60 \\\\\n"
         " & omission & 2/10 & 4/10 & 6/10 &  &  &  &  \\\\\n"
         "\\bottomrule\n"
+        f"\\multicolumn{{9}}{{p{{.95\\linewidth}}}}{{\\footnotesize {INTERVALS}}} \\\\\n"
         "\\end{tabular}\n"
     )
     both = figures.latex_table([made], paper=True)
-    assert "RL, image as input & infeasible & 0/10 & 1/10 & 7/10 & -- & [17, 39] \\% & 16/60 & -- \\\\\n" in both
+    assert "RL, image as input & infeasible & 0/10 & 1/10 & 7/10 & -- & [18, 38] \\% & 16/60 & -- \\\\\n" in both
     assert both.count("\\addlinespace\n") == 5
     opposed = evaluation_record.of_results(wrong_command("strict", (0,) * 6, opposed=2))
     assert "& 2/60 & [1, 11] \\% & 0/60 & 60/60 " in figures.latex_table([opposed])

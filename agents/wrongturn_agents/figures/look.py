@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 from wrongturn_agents.errors import MissingPackageError, ResultsError
 from wrongturn_agents.results_file import TrialResult
 from wrongturn_protocol import Verdict
+from wrongturn_protocol.intervals import Marks, interval
 from wrongturn_protocol.junction_frame import shape
-from wrongturn_protocol.standing_rows import wilson
 from wrongturn_protocol.words import name
 
 if TYPE_CHECKING:
@@ -109,10 +109,14 @@ def new_figure(width: float, height: float) -> "Figure":
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def rate_bar(count: int, trials: int) -> tuple[float, list[list[float]]]:
-    """Return a rate, percent, and how far Wilson's 95 % interval reaches below and above it, as matplotlib takes it."""
-    low, high = (100 * bound for bound in wilson(count, trials))
-    rate = 100 * count / trials
+def rate_bar(marks: Marks) -> tuple[float, list[list[float]]]:
+    """Return the rate of marked trials, percent, and how far its 95 % interval reaches below and above it.
+
+    The reach is in matplotlib's form.
+    """
+    cells = [cell for places in marks.values() for cell in places.values()]
+    rate = 100 * sum(count for count, _ in cells) / sum(trials for _, trials in cells)
+    low, high = (100 * bound for bound in interval(marks))
     return rate, [[rate - low], [high - rate]]
 
 

@@ -30,7 +30,7 @@ OPTIONS = (
     *("gamma=0.9", "reward_divisor=30", "failure_penalty=2", "standing_penalty=2", "standing_cost=0"),
     *("time_limit=8", "inside_junctions=0", "traffic=0", "journeys=1", "brief_journeys=1", "patience=1"),
 )
-STEPS = 512
+STEPS = 288
 ENOUGH = 2048
 """Steps after which it drives better than chance."""
 
