@@ -23,7 +23,6 @@ from wrongturn_protocol import (
     FaultKind,
     JunctionType,
     PaperAgent,
-    Reaction,
     Task,
     Verdict,
     twin_id,

@@ -173,7 +173,7 @@ def test_a_tie_has_the_p_value_of_the_exact_test(kit, suite) -> None:
     assert {name: entry.rank for name, entry in entries.items()} == {"c": 1, "a": 1, "b": 2}
     (tie,) = entries["a"].ties
     a, c = (Side(row.agent, row.metrics) for row in (field[0], field[2]))
-    assert (tie.name, tie.p) == ("c", compare("wrong-command@2", a, c).p)
+    assert (tie.name, tie.p) == ("c", compare("wrong-command@3", a, c).p)
     assert entries["c"].ties[0].p == tie.p == pytest.approx(0.25)
     assert entries["b"].ties == ()
 
