@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -137,7 +138,10 @@ def test_another_machine_rebuilds_trials_towns_and_scenery_byte_for_byte(tmp_pat
     drawn = json.loads(told[0][0])
     trials = [Trial.model_validate(one) for one in drawn["trials"]]
     assert {folder.name for folder in out.iterdir()} == {trial.town for trial in trials}
+    assert [trial.town for trial in trials[::6]] == list(load_suite("wrong-command-unseen@1").drawn_towns(SECRET))
     assert len({(trial.town, trial.scenery) for trial in trials}) == 10
+    # Routes are balanced over the towns.
+    assert set(Counter((trial.junction_type, trial.fault.kind, trial.route) for trial in trials).values()) == {5}
     for trial in trials[::6]:
         written = read_town(out / trial.town)
         assert (written.net_sha256, written.sha256) == (town_of(trial).net_sha256, town_of(trial).sha256)
