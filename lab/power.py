@@ -42,7 +42,7 @@ TRUTHS: Final[dict[str, Cells]] = {
 SPREADS: Final = (0.0, 1.0, 2.0)
 """Standard deviations of an agent's log odds between drawn towns."""
 IN_TOWNS: Final = ("0.05 in all cells", "0.3 in all cells", "1, 0.8, 0.1, 0.05, 0, 0")
-DRAWS: Final = 2_000
+DRAWS: Final = 1_000
 """Simulated draws of each agent in drawn towns."""
 _SEED: Final = 30
 Method = Callable[[Sequence[int], float], tuple[float, float]]

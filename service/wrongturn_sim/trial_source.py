@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from pydantic import ValidationError
 
-from wrongturn_networks import CruiseError, NetworkError, draw_cruise, draw_journey, draw_trial, load_suite, load_town
+from wrongturn_networks import (
+    CruiseError,
+    NetworkError,
+    Town,
+    draw_cruise,
+    draw_journey,
+    draw_trial,
+    load_suite,
+    load_town,
+)
 from wrongturn_networks.faults import FaultNotApplicableError, check_fault, fault_class
 from wrongturn_protocol import OptionError, Task, Trial, TrialOptions, Weather
 from wrongturn_protocol.observations import IMAGE_SHAPE
@@ -41,11 +50,12 @@ def picture_size(camera: "Camera | None") -> tuple[int, int]:
 class TrialSource:
     """Draws the trials of one environment, or of many; each environment brings its own generator."""
 
-    def __init__(self, options: TrialOptions) -> None:
+    def __init__(self, options: TrialOptions, town: Town | None = None) -> None:
         """Load the town or suite, and find the approaches where the fault can be applied.
 
-        Trials are drawn in ``Town01`` if the options name neither a town nor a suite nor a trial. Raises OptionError if
-        a town, suite or trial does not exist, or there is none to draw from.
+        Trials are drawn in ``Town01`` if the options name neither a town nor a suite nor a trial; ``town`` is the one
+        that they name, if it is not installed. Raises OptionError if a town, suite or trial does not exist, or there is
+        none to draw from.
         """
         if options.suite is None and options.town is None and options.trial is None:
             options = replace(options, town=DEFAULT_TOWN)
@@ -54,7 +64,7 @@ class TrialSource:
         fault_class(options.fault.kind)
         self._options = options
         self._suite = None if options.suite is None else load_suite(options.suite)
-        self._town = None if options.town is None else load_town(options.town)
+        self._town = town or (None if options.town is None else load_town(options.town))
         self._trial = None if options.trial is None else self.find(options.trial)
         self._approaches: tuple[str, ...] = ()
         if options.task is not None:

@@ -3,10 +3,12 @@ import math
 import numpy as np
 import pytest
 import torch
+from small_run import settings_of
 
 from wrongturn_agents.training.action import controls
 from wrongturn_agents.training.cars import FAILURES, DrivingVecEnv, training_cars
 from wrongturn_agents.training.drives_config import DrivesConfig
+from wrongturn_agents.training.world import cars_of
 from wrongturn_protocol import Traffic
 from wrongturn_sim import FleetTraffic
 
@@ -130,3 +132,20 @@ def test_observations_are_kept_from_being_written_over():
 )
 def test_accelerate_is_throttle_or_brake(action, expected):
     assert controls(np.array([action, action])).tolist() == [list(expected)] * 2
+
+
+def test_cars_learn_in_many_towns_and_move_on_in_turn():
+    settings = settings_of("ppo-segmentation", "num_envs=4", "sceneries=3", "groups=2", "stay=4", "traffic=0")
+    cars = cars_of(settings, "cpu", track="state", keys=("speed", "command"), threads=1, seed=1)
+    cars.reset()
+    moved = []
+    for _ in range(4):
+        seen, rewards, ended, infos = cars.step(np.zeros((4, 2), np.float32))
+        assert seen["speed"].shape == (4, 1)
+        assert rewards.shape == (4,)
+        assert ended.tolist() == [bool(info) for info in infos]
+        assert all(info["TimeLimit.truncated"] and "speed" in info["terminal_observation"] for info in infos if info)
+        moved.append(ended.tolist())
+    cars.close()
+    both = [False] * 4, [False, False, True, True], [True, True, False, False]
+    assert moved == [both[0], both[1], both[0], both[2]]

@@ -1,7 +1,6 @@
 """Pictures of places in many towns, rendered afresh for each minibatch, and how right a network is about them."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -9,15 +8,13 @@ import torch
 from torch import Tensor
 
 from wrongturn_agents.models.doubt import Doubt
-from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.methods.places import Places, draw_places
-from wrongturn_networks import Town, load_town, read_town
+from wrongturn_networks import Town
 from wrongturn_protocol import TRAINING_WEATHERS
 from wrongturn_sim.camera import Camera, World, look_of, render_batch
 
 CHUNK: Final = 64
 """Pictures of one town in a minibatch."""
-TRAINING_TOWN: Final = "Town01"
 _TICKS: Final = 600
 _HELD_OUT_SEED: Final = 9_001
 _NEAR: Final = (5.0, 16.0)
@@ -118,25 +115,3 @@ def examine(model: Doubt, towns: Sequence[Town], *, pictures: int = 4096, thread
         sided += ((distance[:, 0] > 2.0) == (frames.distance > 2.0)).float().sum().item()
         total += len(frames.distance)
     return {"exits": right / near, "approaches": whole / near, "distance": error / near, "inside": sided / total}
-
-
-def towns_of(folder: Path, seeds: Sequence[int]) -> list[Town]:
-    """Return generated towns, building those that are missing in the folder."""
-    from wrongturn_networks.making.generated import generated_recipe  # noqa: PLC0415 - only training needs it
-    from wrongturn_networks.making.netconvert import build  # noqa: PLC0415
-
-    towns = []
-    for seed in seeds:
-        recipe = generated_recipe(seed)
-        if not (folder / recipe.name / "manifest.json").is_file():
-            try:
-                build(recipe, folder / recipe.name)
-            except (RuntimeError, OSError) as error:
-                raise TrainingError(f"towns: {folder / recipe.name} cannot be built: {error}") from error
-        towns.append(read_town(folder / recipe.name))
-    return towns
-
-
-def training_towns(folder: Path, number: int) -> list[Town]:
-    """Return the training town and a number of generated ones."""
-    return [load_town(TRAINING_TOWN), *towns_of(folder, range(number))]
