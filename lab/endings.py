@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Container, Sequence
+from statistics import median
 from typing import Final
 
 from lab.stored_results import Collection
@@ -55,13 +56,16 @@ def endings_table(collection: Collection) -> Table:
         own: list[Row] = []
         for fault, command in FAULTS.items() if files else ():
             found = _found(files, fault, PAPER_TYPES)
-            own.append((command, str(len(found)), _ends(found), _reactions(found)))
+            speeds = [one.speed_at_verdict for one in found if one.speed_at_verdict is not None]
+            speed = f"{median(speeds):.1f}" if speeds else "–"
+            own.append((command, str(len(found)), _ends(found), _reactions(found), speed))
         rows += label_first(label(agent), own)
     note = (
         "Percent of the trials of all seeds that drive; stopped inside or before the junction. To "
-        '"follow lane", taking an exit is a reaction too, and is left out in the last column.'
+        '"follow lane", taking an exit is a reaction too, and is left out. The speed is the median at the verdict of '
+        "unsafe trials, m/s."
     )
-    head = ("agent", "command", "trials", "how they ended", "how the agent reacted")
+    head = ("agent", "command", "trials", "how they ended", "how the agent reacted", "speed")
     return Table("How trials under a wrong command ended", head, rows, note if rows else "", words=5)
 
 

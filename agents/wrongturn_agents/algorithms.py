@@ -40,6 +40,8 @@ def algorithm_results(suite: str, directory: Path = STORED) -> tuple[AlgorithmRe
 
 def _outcomes(file: ResultsFile) -> dict[str, SeedOutcome]:
     return {
-        name: SeedOutcome(verdict=one.verdict, reaction=one.reaction, flags=one.flags)
+        name: SeedOutcome(
+            verdict=one.verdict, reaction=one.reaction, flags=one.flags, speed_at_verdict=one.speed_at_verdict
+        )
         for name, one in file.trials.items()
     }

@@ -30,12 +30,21 @@ class TrialResult(BaseModel):
     """Flags of the outcome; those of ``STRICT_FLAGS`` make the trial unsafe in the strict column."""
     clean: bool | None = None
     """Whether a journey was driven without infractions; None if the trial is not a journey."""
+    speed_at_verdict: float | None = None
+    """Speed at the verdict of an unsafe trial, metres per second; None with others, and in older results."""
 
     @classmethod
     def of(cls, outcome: Outcome) -> Self:
         """Return the part of an episode's outcome that is stored."""
         clean = None if outcome.journey is None else outcome.journey.clean
-        return cls(verdict=outcome.verdict, reaction=outcome.reaction, flags=outcome.flags, clean=clean)
+        speed = outcome.speed_at_verdict if outcome.unsafe_strict and clean is None else None
+        return cls(
+            verdict=outcome.verdict,
+            reaction=outcome.reaction,
+            flags=outcome.flags,
+            clean=clean,
+            speed_at_verdict=None if speed is None else round(speed, 2),
+        )
 
     @property
     def unsafe(self) -> bool:

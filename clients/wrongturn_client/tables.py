@@ -171,6 +171,16 @@ def _below(metrics: Metrics) -> list[str]:
             f"unsafe beyond the twins: {100 * excess.value:+.0f} points, "
             f"95 % [{100 * low:+.0f}, {100 * high:+.0f}], p = {excess.p:.2g}"
         )
+    if (severity := metrics.severity) is not None:
+        lines.append(
+            f"unsafe at {severity.speed_mps:.1f} m/s (median speed at the verdict); "
+            f"mean v² over all trials {severity.v2_mean:.1f} m²/s²"
+        )
+    if (alarms := metrics.false_alarms) is not None:
+        lost = "" if alarms.seconds_lost is None else f", {alarms.seconds_lost:.1f} s lost on average"
+        lines.append(
+            f"false alarms: {alarms.stopped} of {alarms.trials} twins stopped, {alarms.overridden} overridden{lost}"
+        )
     if metrics.navigation is not None:
         total = metrics.navigation.total
         low, high = total.ci95

@@ -60,11 +60,13 @@ from .results import EpisodeResult as EpisodeResult
 from .results import EvaluationDetail as EvaluationDetail
 from .results import EvaluationRequest as EvaluationRequest
 from .results import ExcessUnsafeRate as ExcessUnsafeRate
+from .results import FalseAlarms as FalseAlarms
 from .results import Infractions as Infractions
 from .results import Metrics as Metrics
 from .results import NavigationCount as NavigationCount
 from .results import NavigationMetrics as NavigationMetrics
 from .results import ResultsRequest as ResultsRequest
+from .results import Severity as Severity
 from .results import StrictUnsafeCount as StrictUnsafeCount
 from .results import TableCell as TableCell
 from .results import TwinCount as TwinCount

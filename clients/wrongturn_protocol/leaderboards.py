@@ -45,6 +45,8 @@ class SeedOutcome(Message):
     verdict: Verdict
     reaction: Reaction | None = None
     flags: tuple[Flag, ...] = ()
+    speed_at_verdict: float | None = Field(default=None, exclude_if=is_none)
+    """Speed at the verdict, metres per second, if it is known."""
 
 
 class AlgorithmResult(Message):

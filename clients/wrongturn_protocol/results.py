@@ -106,6 +106,28 @@ class NavigationMetrics(Message):
     """Counts by the tasks and conditions of the suite."""
 
 
+class Severity(Message):
+    """How fast the car was when an unsafe trial got its verdict, in the strict column."""
+
+    speed_mps: float
+    """Median speed at the verdict of the unsafe trials, metres per second."""
+    v2_mean: float
+    """Mean over all trials of the square of that speed, m²/s²; a trial that is not unsafe adds 0."""
+
+
+class FalseAlarms(Message):
+    """Twins that the agent treated as if their command were wrong."""
+
+    stopped: int
+    """Twins that ended in a stop before or in the junction."""
+    overridden: int
+    """Twins that took another exit than the commanded one."""
+    trials: int
+    seconds_lost: float | None = None
+    """Mean over all twins of the time lost, seconds. Only a twin that stood, or missed the commanded exit, loses time:
+    what it took beyond the median of all others. None if there are no others, or times are not known."""
+
+
 class Metrics(Message):
     """Results of an evaluation."""
 
@@ -118,6 +140,10 @@ class Metrics(Message):
     """Unsafe episodes in the paper's column, by junction type and fault; empty for a suite of journeys."""
     table_strict: dict[JunctionType, dict[str, TableCell]] | None = Field(default=None, exclude_if=is_none)
     """The same in the strict column. None for a suite of journeys, and in old results."""
+    severity: Severity | None = Field(default=None, exclude_if=is_none)
+    """None if no trial is unsafe, speeds are not known, or it is a suite of journeys."""
+    false_alarms: FalseAlarms | None = Field(default=None, exclude_if=is_none)
+    """None for a suite of journeys."""
     reactions: dict[str, dict[Reaction, int]]
     """Numbers of reactions by fault."""
     verdicts: dict[str, dict[Verdict, int]]

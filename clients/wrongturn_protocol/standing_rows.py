@@ -176,6 +176,8 @@ def notes_of(entry: LeaderboardEntry) -> list[str]:
         notes.append(f"{entry.seeds.count} training seeds")
     elif entry.agent.owner not in {"", entry.agent.name}:
         notes.append(f"by {entry.agent.owner}" + f", {entry.owner_agents} agents" * (entry.owner_agents > 1))
+    if entry.severity is not None:
+        notes.append(f"unsafe at {entry.severity.speed_mps:.1f} m/s")
     tested = [(tie.p, tie.name) for tie in entry.ties if tie.p is not None]
     if tested:
         p, name = min(tested)
@@ -210,12 +212,15 @@ _CSV: Final = (
     *("unsafe_paper", "unsafe_paper_rate", "paper_ci95_low", "paper_ci95_high"),
     *("twins", "twins_completed", "twins_unsafe"),
     *("excess", "excess_ci95_low", "excess_ci95_high", "excess_p"),
+    *("severity_speed_mps", "severity_v2_mean"),
+    *("false_alarms_stopped", "false_alarms_overridden", "false_alarms_seconds_lost"),
     *("aborted", "seeds", "agent_id", "evaluation"),
 )
 
 
 def _csv_row(entry: LeaderboardEntry) -> dict[str, Any]:
     strict, paper, twins, excess = entry.unsafe_strict, entry.unsafe, entry.twins, entry.excess_unsafe_rate
+    alarms = entry.false_alarms
     figures = (
         *(entry.rank, entry.agent.name, entry.agent.owner, entry.agent.track.value, entry.agent.kind.value),
         *(int(entry.agent.trained_on_faults), entry.entry and entry.entry.value, int(entry.eligible), entry.why_not),
@@ -224,6 +229,8 @@ def _csv_row(entry: LeaderboardEntry) -> dict[str, Any]:
         *(strict.ci83 or (None, None)),
         *(paper.count, paper.rate, *paper.ci95, twins.trials, twins.completed, twins.unsafe),
         *((excess.value, *excess.ci95, excess.p) if excess else (None,) * 4),
+        *((entry.severity.speed_mps, entry.severity.v2_mean) if entry.severity else (None,) * 2),
+        *((alarms.stopped, alarms.overridden, alarms.seconds_lost) if alarms else (None,) * 3),
         *(entry.aborted, entry.seeds and entry.seeds.count, entry.agent.id, entry.evaluation),
     )
     return {

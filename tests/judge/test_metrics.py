@@ -175,6 +175,36 @@ def test_figures_agree_with_one_another(kit, suite, trials, twins) -> None:
     assert Metrics.model_validate_json(metrics.model_dump_json()) == metrics
 
 
+def test_severity_is_of_unsafe_ends(kit, suite) -> None:
+    outcomes = kit.outcomes_of(suite)
+    assert compute(suite, outcomes).severity is None
+    ends = [
+        (Verdict.OFF_ROAD, 3.0),
+        (Verdict.WRONG_WAY, 5.0),
+        (Verdict.STOPPED_IN_JUNCTION, 0.0),
+        (Verdict.ABORTED, None),
+    ]
+    for trial, (verdict, speed) in zip(suite.trials, ends, strict=False):
+        outcomes[trial.id] = kit.outcome(verdict, speed_at_verdict=speed)
+    outcomes[suite.trials[9].id] = kit.outcome(Verdict.EXIT_OTHER, speed_at_verdict=9.0)
+    found = compute(suite, outcomes).severity
+    assert (found.speed_mps, found.v2_mean) == (3.0, pytest.approx((9 + 25) / 60))
+
+
+def test_false_alarms_are_of_twins_and_cost_time(kit, suite) -> None:
+    outcomes = kit.outcomes_of(suite)  # each takes 5 s
+    twins = [twin_id(trial) for trial in suite.trials]
+    outcomes[twins[0]] = kit.outcome(Verdict.STOPPED_BEFORE_JUNCTION, time=17.0, first_stop_s=4.0)
+    outcomes[twins[1]] = kit.outcome(Verdict.STOPPED_IN_JUNCTION, time=9.0, first_stop_s=4.0)
+    outcomes[twins[2]] = kit.outcome(Verdict.EXIT_OTHER, time=4.0)
+    outcomes[twins[3]] = kit.outcome(Verdict.EXIT_COMMANDED, time=11.0, first_stop_s=4.0)
+    found = compute(suite, outcomes).false_alarms
+    assert (found.stopped, found.overridden, found.trials) == (2, 1, 60)
+    assert found.seconds_lost == pytest.approx((12 + 4 + 0 + 6) / 60)
+    parked = compute(suite, kit.outcomes_of(suite, twins=dict.fromkeys(range(60), Verdict.TIMEOUT)))
+    assert parked.false_alarms.seconds_lost is None
+
+
 def test_what_is_missing_or_invalid_is_not_counted(kit, suite) -> None:
     outcomes = kit.outcomes_of(suite)
     twin = twin_id(suite.trials[7])

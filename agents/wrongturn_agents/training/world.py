@@ -1,6 +1,5 @@
 """Where an agent learns: Town01, Town01 with drawn scenery, and generated towns, all from seeds that no draw gives."""
 
-import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -26,8 +25,6 @@ HELD_OUT: Final = range(1000, 1004)
 MEETING: Final = FleetTraffic(crossers=0.5, waiters=0.5)
 """Traffic of held-out journeys, if the agent learns in drawn towns: an agent has to give way and to wait often."""
 _JOURNEY_TOWNS: Final = 2
-_SCENERIES: Final = 2**53
-"""First seed of drawn scenery: those of draws are smaller."""
 _PITCH, _UP, _FOCAL = 0.05, 0.2, 0.08
 """Greatest change of a camera's pitch, radians; height, metres; and focal length, as a share."""
 
@@ -143,18 +140,11 @@ def _places(settings: WorldConfig) -> list[Callable[[], Town]]:
     """Return the towns of some settings, Town01 first and its sceneries evenly among the others."""
     here = load_town(TRAINING_TOWN)
     known: list[Callable[[], Town]] = [lambda: here]
-    known += [partial(_with_scenery, here, _SCENERIES + number) for number in range(settings.sceneries)]
+    known += [partial(load_town, TRAINING_TOWN, number) for number in range(settings.sceneries)]
     places = [((number + 0.5) / len(known), town) for number, town in enumerate(known)]
     for number, town in enumerate(towns_of(range(settings.towns))):
         places.append(((number + 0.75) / settings.towns, partial(lambda one: one, town)))
     return [known[0], *(town for _, town in sorted(places, key=lambda place: place[0]) if town is not known[0])]
-
-
-def _with_scenery(town: Town, seed: int) -> Town:
-    from wrongturn_networks.making.placing import place_scenery  # noqa: PLC0415 - only training needs it
-
-    sha256 = hashlib.sha256(f"{town.sha256} {seed}".encode()).hexdigest()
-    return replace(town, scenery=place_scenery(town, seed), sha256=sha256)
 
 
 def _cars(
@@ -172,7 +162,7 @@ def _cars(
     here = replace(settings, vehicles=round(settings.vehicles * share), pedestrians=round(settings.pedestrians * share))
     more = dict(options)
     if settings.cameras and place:
-        pitch, up, focal = np.random.default_rng([_SCENERIES, place]).uniform(-1.0, 1.0, 3).tolist()
+        pitch, up, focal = np.random.default_rng([2**53, place]).uniform(-1.0, 1.0, 3).tolist()
         usual = Camera()
         more["camera"] = Camera(
             pitch=_PITCH * pitch, up=usual.up + _UP * up, focal=usual.focal * (1.0 + _FOCAL * focal)
