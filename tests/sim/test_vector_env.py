@@ -91,7 +91,7 @@ def test_lengths_and_stops_have_the_same_bytes(make_trial):
     """What the judge sums up along a drive is the same in a batch, to the last bit."""
     seen = set()
     for approach in sorted(load_town("junctions").approaches):
-        trial = make_trial(approach)
+        trial = make_trial(approach).model_copy(update={"watch": 3.3})
         actions = policies(trial)
         envs = WrongturnVectorEnv(5, "junctions", trial=trial, autoreset_mode=AutoresetMode.DISABLED)
         envs.reset()
