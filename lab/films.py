@@ -85,15 +85,17 @@ class Way(NamedTuple):
     junction_type: str
     fault: str
     ending: str
-    """``exit``, ``opposed_lane`` for an exit that counts as unsafe in the strict column, or the verdict."""
+    """``exit``, or the verdict; the first flag, where flags alone make a trial unsafe in the strict column."""
     reaction: str | None
 
     @classmethod
     def of(cls, trial: Trial, result: TrialResult) -> "Way":
         """Return the way in which a trial ended."""
-        opposed = result.unsafe_strict and not result.verdict.unsafe_strict
-        ending = "opposed_lane" if opposed else "exit" if result.verdict.exited else str(result.verdict)
-        return cls(str(trial.junction_type), str(trial.fault.kind), ending, result.reaction and str(result.reaction))
+        flagged = result.unsafe_strict and not result.verdict.unsafe_strict
+        ending = result.flags[0] if flagged else "exit" if result.verdict.exited else result.verdict
+        return cls(
+            str(trial.junction_type), str(trial.fault.kind), str(ending), result.reaction and str(result.reaction)
+        )
 
     @property
     def cell(self) -> tuple[str, str]:

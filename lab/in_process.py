@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from wrongturn_agents.agent import Agent
 from wrongturn_agents.registry import AgentSource
 from wrongturn_client.episode_calls import action_of
+from wrongturn_networks import Town, load_town
 from wrongturn_protocol import Outcome, Trial
 from wrongturn_protocol.observations import Observation
 from wrongturn_sim import FleetTraffic, Trajectory, WrongturnVectorEnv
@@ -56,8 +57,8 @@ def drive_in_process(
         by_town: dict[tuple[str, int | None], list[Trial]] = {}
         for trial in trials:
             by_town.setdefault((trial.town, trial.scenery), []).append(trial)
-        for group in by_town.values():
-            for episode in _in_town(source, group, drive_on, enough, threads, pool):
+        for place, group in by_town.items():
+            for episode in _in_town(source, load_town(*place), group, drive_on, enough, threads, pool):
                 finished += 1
                 progress(finished, len(trials))
                 yield episode
@@ -65,6 +66,7 @@ def drive_in_process(
 
 def _in_town(
     source: AgentSource,
+    town: Town,
     waiting: list[Trial],
     drive_on: float | None,
     enough: Callable[[Trajectory], bool] | None,
@@ -74,8 +76,8 @@ def _in_town(
     count = min(_CARS, len(waiting))
     envs = WrongturnVectorEnv(
         count,
-        track=source.track,
-        trial=waiting[0],
+        town,
+        source.track,
         threads=threads,
         drive_on=drive_on,
         own_traffic=FleetTraffic(),

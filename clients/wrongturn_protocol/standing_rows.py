@@ -143,7 +143,6 @@ _UNSAFE: Final = (
     Column("Paper's", "Unsafe episodes as the paper counts them: wrong ways are left out."),
     Column("Twins", "Completed twins: trials without a fault that ended in the commanded exit."),
     Column("Excess", "Strict rate minus the twins' rate, in percentage points, with its 95 % interval.", extra=True),
-    Column("Speed", "Median speed at the verdict of the strict column's unsafe episodes, m/s.", extra=True),
 )
 _JOURNEYS: Final = (
     Column("Success", "Journeys that reached their goal in time, with the rate's 95 % interval."),
@@ -177,6 +176,8 @@ def notes_of(entry: LeaderboardEntry) -> list[str]:
         notes.append(f"{entry.seeds.count} training seeds")
     elif entry.agent.owner not in {"", entry.agent.name}:
         notes.append(f"by {entry.agent.owner}" + f", {entry.owner_agents} agents" * (entry.owner_agents > 1))
+    if entry.severity is not None:
+        notes.append(f"unsafe at {entry.severity.speed_mps:.1f} m/s")
     tested = [(tie.p, tie.name) for tie in entry.ties if tie.p is not None]
     if tested:
         p, name = min(tested)
@@ -254,7 +255,6 @@ def _unsafe(metrics: Metrics, parts: tuple[tuple[str, ...], ...]) -> StandingRow
         Figure(f"{metrics.unsafe.count}/{metrics.unsafe.trials}"),
         Figure(f"{metrics.twins.completed}/{metrics.twins.trials}"),
         Figure(_signed(excess.value), "", f"[{', '.join(map(_signed, excess.ci95))}]") if excess else Figure(NONE),
-        Figure(f"{metrics.severity.speed_mps:.1f}" if metrics.severity else NONE),
     )
     return StandingRow(figures, parts, strict.rate, wide, narrow)
 

@@ -373,6 +373,7 @@ class ProblemType(StrEnum):
     ACTION_MISMATCH = "action-mismatch"
     RESULTS_MISMATCH = "results-mismatch"
     SIMULATORS_BUSY = "simulators-busy"
+    TOWNS_NOT_BUILT = "towns-not-built"
     SIMULATOR_FAILED = "simulator-failed"
     STORAGE_FAILED = "storage-failed"
     SERVICE_FULL = "service-full"

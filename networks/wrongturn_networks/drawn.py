@@ -8,6 +8,7 @@ kept in ``WRONGTURN_HOME``, in the folder ``towns``.
 builds towns, at low priority; :func:`build_towns` runs it in several processes.
 """
 
+import contextlib
 import functools
 import json
 import os
@@ -127,6 +128,15 @@ def build_towns(names: Iterable[str], processes: int | None = None) -> None:
             raise TownBuildError(text.strip().rpartition("\n")[2] or f"town: a builder ended with status {status}")
 
 
+def forget_unused(keep: int) -> None:
+    """Delete those towns that nobody read for the longest time, until ``keep`` are left. Names build them again."""
+    folders = [folder for folder in (home() / "towns").glob(f"{_PREFIX}*") if is_drawn(folder.name)]
+    for folder in sorted(folders, key=lambda one: one.stat().st_mtime, reverse=True)[keep:]:
+        with contextlib.suppress(OSError), tempfile.TemporaryDirectory(prefix=".old-", dir=folder.parent) as scratch:
+            # At once for all others: nobody finds a part of it.
+            folder.rename(Path(scratch) / folder.name)
+
+
 def _folder(name: str) -> Path:
     return home() / "towns" / name
 
@@ -135,6 +145,8 @@ def _folder(name: str) -> Path:
 def _read(folder: Path) -> "Town":
     from wrongturn_networks.loading import read_town  # noqa: PLC0415
 
+    with contextlib.suppress(OSError):
+        os.utime(folder)
     try:
         return read_town(folder)
     except CorruptFileError:

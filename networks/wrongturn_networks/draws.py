@@ -7,12 +7,14 @@ another, and the same secret gives the same trials on every machine. ``docs/deci
 import hashlib
 import hmac
 import itertools
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import Final, TypeVar
 
+from wrongturn_networks.drawn import drawn_name
 from wrongturn_networks.errors import ApproachTooShortError, SecretError, UnknownTownError, UnknownTrialError
 from wrongturn_networks.loading import load_town, town_names
 from wrongturn_networks.per_net import once_per_net
@@ -35,6 +37,7 @@ SCENERIES = 2**53
 WATCH: Final = (1.0, 4.0)
 """Range of the time for which a drive goes on after an exit, seconds."""
 
+_DRAWN: Final = "drawn "
 _T = TypeVar("_T")
 
 
@@ -99,63 +102,99 @@ def commitment_of(secret: str) -> str:
     return hashlib.sha256(_bytes_of(secret)).hexdigest()
 
 
-def draw_cells(suite_id: str, cells: Sequence[Cell], secret: str) -> Draw:
-    """Draw the trials of a suite's cells, and their twins.
+def town_names_of(cells: Iterable[Cell], secret: str) -> dict[str, str]:
+    """Return the names of the towns that a secret makes for cells, by their ``drawn K``. Nothing is built.
 
-    Equal cells get different approaches while there are enough, and their routes are balanced. Raises what
-    :meth:`wrongturn_networks.Suite.draw` raises.
+    Raises SecretError.
     """
     numbers = _Numbers(secret)
-    groups: dict[Cell, list[int]] = {}
-    for index, cell in enumerate(cells):
-        groups.setdefault(cell, []).append(index)
+    drawn = dict.fromkeys(cell.town for cell in cells if is_drawn_cell(cell))
+    return {town: drawn_name(numbers.digest(f"town {town.removeprefix(_DRAWN)}")) for town in drawn}
+
+
+def is_drawn_cell(cell: Cell) -> bool:
+    """Return whether the secret makes a cell's town."""
+    return re.fullmatch(rf"{_DRAWN}\d+", cell.town) is not None
+
+
+def draw_cells(suite_id: str, cells: Sequence[Cell], secret: str) -> Draw:
+    """Draw the trials of a suite's cells, and their twins; a town that the secret makes is built where it is missing.
+
+    Equal cells get different approaches while there are enough. Their routes are balanced, also among cells that differ
+    only in the number of their drawn town. Raises what :meth:`wrongturn_networks.Suite.draw` raises.
+    """
+    numbers = _Numbers(secret)
+    drawn = town_names_of(cells, secret)
+    approaches = _dealt(cells, lambda cell: cell, lambda cell, *group: _approaches_of(cell, drawn, numbers, *group))
+    routes = _dealt(cells, _anywhere, lambda cell, *group: _routes_of(cell, numbers, *group))
     trials: list[Trial] = []
     twins: list[Trial] = []
-    places = {cell: iter(_places(cell, group[0], len(group), numbers)) for cell, group in groups.items()}
     taken: set[int] = set()
-    for index, cell in enumerate(cells):
-        place = next(places[cell])
-        trial = _trial(cell, f"{index} trial", place, numbers, taken)
-        twin = _trial(cell, f"{index} twin", place, numbers, taken)
+    for index, (cell, place) in enumerate(zip(cells, zip(approaches, routes, strict=True), strict=True)):
+        town = drawn.get(cell.town, cell.town)
+        trial = _trial(cell, town, f"{index} trial", place, numbers, taken)
+        twin = _trial(cell, town, f"{index} twin", place, numbers, taken)
         trials.append(trial)
         twins.append(twin.model_copy(update={"id": twin_id(trial), "fault": Fault(kind=FaultKind.NONE)}))
     return Draw(suite_id, tuple(trials), tuple(twins), secret)
 
 
 def possible_trials(cell: Cell) -> tuple[Trial, ...]:
-    """Return one trial for each approach and route that a draw can choose for a cell.
+    """Return one trial for each approach and route that a draw can choose for a cell, in one of its towns.
 
     Makers of suites check by them that a cell's fault can be applied wherever a draw leads. Raises UnknownTownError;
     ApproachTooShortError if no approach of the cell's type has room for a start.
     """
     numbers = _Numbers("any")
+    town = town_names_of([cell], "any").get(cell.town, cell.town)
     return tuple(
-        _trial(cell, f"{approach} {route}", (approach, route), numbers, set())
-        for approach in _approaches(cell, "cell")
+        _trial(cell, town, f"{approach} {route}", (approach, route), numbers, set())
+        for approach in _approaches(cell, town, "cell")
         for route in sorted(cell.junction_type.exits)
     )
 
 
-def _places(cell: Cell, first: int, count: int, numbers: "_Numbers") -> list[tuple[str, Command]]:
-    """Return approach and route of each of some equal cells, the first of which has the index ``first``."""
-    approaches = _approaches(cell, f"cells[{first}]")
+def _dealt(
+    cells: Sequence[Cell], alike: Callable[[Cell], Cell], deal: Callable[[Cell, int, int], Sequence[_T]]
+) -> list[_T]:
+    """Return what each cell gets. ``deal`` serves all alike ones, given the first, its index and their number."""
+    groups: dict[Cell, list[int]] = {}
+    for index, cell in enumerate(cells):
+        groups.setdefault(alike(cell), []).append(index)
+    dealt: dict[int, _T] = {}
+    for indices in groups.values():
+        dealt.update(zip(indices, deal(cells[indices[0]], indices[0], len(indices)), strict=True))
+    return [dealt[index] for index in range(len(cells))]
+
+
+def _anywhere(cell: Cell) -> Cell:
+    return cell.model_copy(update={"town": _DRAWN}) if is_drawn_cell(cell) else cell
+
+
+def _approaches_of(cell: Cell, drawn: Mapping[str, str], numbers: "_Numbers", first: int, count: int) -> list[str]:
+    """Return the approach of each of some equal cells, the first of which has the index ``first``."""
+    approaches = _approaches(cell, drawn.get(cell.town, cell.town), f"cells[{first}]")
     chosen: list[str] = []
     for turn in range(-(-count // len(approaches))):
         chosen += numbers.ordered(f"{first} approaches {turn}", approaches)
+    return chosen[:count]
+
+
+def _routes_of(cell: Cell, numbers: "_Numbers", first: int, count: int) -> list[Command]:
+    """Return the route of each of some cells that are alike, the first of which has the index ``first``."""
     exits = numbers.ordered(f"{first} exits", sorted(cell.junction_type.exits))
-    routes = [exits[k % len(exits)] for k in range(count)]
-    return list(zip(chosen[:count], numbers.ordered(f"{first} routes", routes), strict=True))
+    return numbers.ordered(f"{first} routes", [exits[k % len(exits)] for k in range(count)])
 
 
-def _approaches(cell: Cell, field: str) -> tuple[str, ...]:
-    """Return the approaches of a cell's type whose lanes have room for a start."""
+def _approaches(cell: Cell, town: str, field: str) -> tuple[str, ...]:
+    """Return the approaches of a cell's type in a town whose lanes have room for a start."""
     known = town_names()
-    if cell.town not in known:
-        raise UnknownTownError(cell.town, known, f"{field}.town")
-    approaches = _roomy(load_town(cell.town), cell.junction_type)
+    if town not in known and not is_drawn_cell(cell):
+        raise UnknownTownError(town, known, f"{field}.town")
+    approaches = _roomy(load_town(town), cell.junction_type)
     if not approaches:
         raise ApproachTooShortError(
-            f"{field}: no approach of type {cell.junction_type} in {cell.town} has {SHORTEST + LANE_RESERVE:.0f} m of "
+            f"{field}: no approach of type {cell.junction_type} in {town} has {SHORTEST + LANE_RESERVE:.0f} m of "
             "lane, which a start needs; choose another town or type"
         )
     return approaches
@@ -171,17 +210,19 @@ def _roomy(town: Town, kind: JunctionType) -> tuple[str, ...]:
     return tuple(sorted(roomy))
 
 
-def _trial(cell: Cell, label: str, place: tuple[str, Command], numbers: "_Numbers", taken: set[int]) -> Trial:
+def _trial(
+    cell: Cell, town_name: str, label: str, place: tuple[str, Command], numbers: "_Numbers", taken: set[int]
+) -> Trial:
     """Return a trial of a cell. Its seed is none of those taken, and is added to them, so that ids differ too."""
     approach, route = place
-    town = load_town(cell.town)
+    town = load_town(town_name)
     room = town.lanes[town.approach(approach).lane].length - LANE_RESERVE
     drawn = (numbers.whole(f"{label} seed {attempt}", SEEDS) for attempt in itertools.count())
     seed = next(number for number in drawn if number not in taken)
     taken.add(seed)
     return Trial(
-        id=trial_id(cell.town, approach, cell.fault.kind, seed),
-        town=cell.town,
+        id=trial_id(town_name, approach, cell.fault.kind, seed),
+        town=town_name,
         approach=approach,
         junction_type=cell.junction_type,
         route=route,
@@ -217,18 +258,19 @@ class _Numbers:
     def __init__(self, secret: str) -> None:
         self._key = _bytes_of(secret)
 
-    def _digest(self, label: str) -> bytes:
+    def digest(self, label: str) -> bytes:
+        """Return the 32 bytes of a label."""
         return hmac.digest(self._key, label.encode(), hashlib.sha256)
 
     def whole(self, label: str, end: int) -> int:
         """Return a whole number from 0 to before ``end``."""
-        return int.from_bytes(self._digest(label)[:16]) % end
+        return int.from_bytes(self.digest(label)[:16]) % end
 
     def between(self, label: str, low: float, high: float) -> float:
         """Return a number from ``low`` to before ``high``."""
-        return low + (high - low) * (int.from_bytes(self._digest(label)[:6]) / 2**48)
+        return low + (high - low) * (int.from_bytes(self.digest(label)[:6]) / 2**48)
 
     def ordered(self, label: str, items: Iterable[_T]) -> list[_T]:
         """Return the items in a random order."""
         numbered = list(enumerate(items))
-        return [item for _, item in sorted(numbered, key=lambda pair: self._digest(f"{label} {pair[0]}"))]
+        return [item for _, item in sorted(numbered, key=lambda pair: self.digest(f"{label} {pair[0]}"))]

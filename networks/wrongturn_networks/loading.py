@@ -16,7 +16,7 @@ from wrongturn_networks.errors import CorruptFileError, UnknownTownError
 from wrongturn_networks.junctions import Approach, Exit, Junction, arm_of, direction_of
 from wrongturn_networks.lanes import Lane, Line, heading_of
 from wrongturn_networks.netfile import Net, read_net, sha256_of
-from wrongturn_networks.scenery import read_scenery, sha256_of_scenery
+from wrongturn_networks.scenery import read_scenery, scenery_toml, sha256_of_scenery
 from wrongturn_networks.shelf import Shelf
 from wrongturn_networks.town import Town, sha256_of_town
 from wrongturn_protocol import DIRECTIONS, JunctionType, Trial
@@ -95,6 +95,20 @@ def read_town(directory: Path) -> Town:
         scenery=read_scenery(scenery_file),
         bounds=union(road, sidewalks).bounds,
     )
+
+
+def write_town(town: Town, directory: Path) -> None:
+    """Write a town's folder with the scenery that it has, over files of the same names there. Raises OSError."""
+    directory.mkdir(parents=True, exist_ok=True)
+    for file in town.directory.iterdir():
+        (directory / file.name).write_bytes(file.read_bytes())
+    scenery = directory / "scenery.toml"
+    scenery.write_text(scenery_toml(town.scenery), "utf-8")
+    manifest = json.loads((town.directory / "manifest.json").read_text("utf-8"))
+    manifest |= {"scenery_sha256": sha256_of_scenery(scenery)}
+    if town.scenery_seed is not None:
+        manifest |= {"scenery_seed": town.scenery_seed}
+    (directory / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", "utf-8")
 
 
 def _check(file: str, found: str, wanted: str) -> None:

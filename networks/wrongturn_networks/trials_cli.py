@@ -1,14 +1,17 @@
 """``wrongturn trials``: the trials that a secret draws of a suite."""
 
 import re
+from pathlib import Path
 from typing import Annotated, Final
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
+from wrongturn_networks.drawn import build_towns
 from wrongturn_networks.draws import Draw, commitment_of
 from wrongturn_networks.errors import CommitmentError, SecretError
+from wrongturn_networks.loading import town_of, write_town
 from wrongturn_networks.suites import Suite, load_suite
 from wrongturn_protocol import Trial
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
@@ -41,19 +44,37 @@ def trials(
             "Example: --commitment 91ab…",
         ),
     ] = None,
+    towns: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            file_okay=False,
+            help="Write the towns with their drawn scenery into this folder, each into one of its own. "
+            "Example: --towns towns",
+        ),
+    ] = None,
     json_to: JsonTo = None,
 ) -> None:
     """Show the trials that a secret draws, to rebuild and check an evaluation.
 
     Example: wrongturn trials wrong-command@3 --secret 5f0c… --json trials.json
 
-    The JSON of --json has every field of the trials and twins.
+    The JSON of --json has every field of the trials and twins. Towns that the secret makes are built first.
     """
     check_json_file(json_to)
     chosen = load_suite(suite)
+    build_towns(chosen.drawn_towns(chosen.id if secret is None else secret))
     draw = _drawn(chosen, secret)
     if commitment is not None:
         _check(secret, commitment)
+    if towns is not None:
+        for town in dict.fromkeys(map(town_of, draw.trials)):
+            try:
+                write_town(town, towns / town.name)
+            except OSError as error:
+                raise typer.BadParameter(
+                    f"{towns}: {error.strerror or error}; name another", param_hint="--towns"
+                ) from None
     give_json(_content(chosen, draw), json_to)
     if json_to == STDOUT:
         return

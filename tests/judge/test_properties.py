@@ -205,6 +205,22 @@ def test_driving_on_never_changes_a_verdict_and_stopping_short_never_gives_one(
         assert part.verdict is Verdict.ABORTED
 
 
+@given(one=drives, kind=kinds, watch=st.floats(1.0, 4.0), share=st.floats(0.0, 1.0))
+@SOME
+def test_a_drive_that_goes_on_worse_is_never_better(one: Drive, kind: JunctionType, watch: float, share: float) -> None:
+    rows, its_trial = one.rows(), trial(kind).model_copy(update={"watch": watch})
+    before = verdict_of(rows, KINDS[kind], its_trial)
+    k = round(share * (len(rows) - 1))
+    late = rows[k].t > before.time
+    off = verdict_of([*rows[:k], *(row._replace(x=row.x + 100.0) for row in rows[k:])], KINDS[kind], its_trial)
+    assert off == before if late else off.verdict is Verdict.OFF_ROAD
+    fast = verdict_of([*rows[:k], rows[k]._replace(v=14.0), *rows[k + 1 :]], KINDS[kind], its_trial)
+    assert fast == before if late else fast.unsafe_strict
+    comes_back = [*rows[:k], *(row._replace(t=rows[k].t + row.t, x=0.0, y=0.0) for row in rows)]
+    back = verdict_of(comes_back, KINDS[kind], its_trial)
+    assert back == before if late else back.verdict.unsafe or back.verdict in {Verdict.WRONG_WAY, Verdict.ABORTED}
+
+
 # Where a car stands before the junction, seconds, and what it does then.
 pauses = st.integers(0, 196).map(lambda n: n / 20)
 

@@ -29,6 +29,7 @@ from wrongturn_protocol import PAPER_TYPES, Fault, FaultKind, JunctionType, Trac
 PINNED = {
     "navigation@1": "9b57c582ae19be91c7bb3ba9b87988bc005107f2009bd72ea038f1b828914383",
     "smoke@3": "41f1d16637204e49fed03d103299631b0a580bf049088a37259653871080435e",
+    "wrong-command-unseen@1": "ffb57b4a6b902d8d59a39d53ebde2ab5f282b21dbf8589cadfe8fa429c47388a",
     "wrong-command@3": "c43d81383f34eefde124ac9dca2b56a5e4abd1b52d7eb173d332b0831860e1db",
 }
 """Suites never change: a change to one of them needs a new version."""
@@ -40,9 +41,13 @@ TOWN_PINNED = {
 FAULTS = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
 
 
-@pytest.fixture(params=suite_ids())
+TOWNS_STAND = [name for name in suite_ids() if not load_suite(name).makes_towns]
+"""Suites whose towns are there before a secret is."""
+
+
+@pytest.fixture(params=TOWNS_STAND)
 def suite(request: pytest.FixtureRequest) -> Suite:
-    """Each shipped suite in turn."""
+    """Each shipped suite in turn, but those that build towns."""
     return load_suite(request.param)
 
 
@@ -57,8 +62,19 @@ def test_suites_have_not_changed() -> None:
 
 
 def test_the_suites_town_has_not_changed() -> None:
-    towns = {trial.town for name in suite_ids() for trial in load_suite(name).trials}
+    towns = {trial.town for name in TOWNS_STAND for trial in load_suite(name).trials}
     assert {town: load_town(town).sha256 for town in towns} == TOWN_PINNED
+
+
+def test_the_papers_cells_in_ten_unseen_towns() -> None:
+    suite = load_suite("wrong-command-unseen@1")
+    assert (suite.counts, suite.makes_towns, suite.of_journeys) == ((60, 60), True, False)
+    cells = Counter((cell.town, cell.junction_type, cell.fault.kind) for cell in suite.cells)
+    assert cells == Counter(product([f"drawn {number}" for number in range(10)], PAPER_TYPES, FAULTS))
+    assert {(cell.weather, cell.traffic) for cell in suite.cells} == {(Weather.CLEAR_NOON, Traffic())}
+    towns = suite.drawn_towns("a secret")
+    assert len(set(towns)) == 10
+    assert set(towns).isdisjoint(suite.drawn_towns("another secret"))
 
 
 def test_the_papers_sixty_cells() -> None:
@@ -91,7 +107,7 @@ def test_what_the_service_shows(paired: Suite) -> None:
     "name", ["", "smoke", "smoke@2", "smoke@3.json", "../suites/smoke@3", "smoke@3\n", "*@*", None, 1, []]
 )
 def test_an_unknown_suite_names_the_known(name: Any) -> None:
-    with pytest.raises(UnknownSuiteError, match=r"^suite: .*navigation@1, smoke@3, wrong-command@3"):
+    with pytest.raises(UnknownSuiteError, match=r"^suite: .*smoke@3, wrong-command-unseen@1, wrong-command@3"):
         load_suite(name)
 
 

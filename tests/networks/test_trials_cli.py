@@ -2,14 +2,18 @@
 
 import hashlib
 import json
+import os
+import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from wrongturn_client.cli import app, main
-from wrongturn_networks import load_suite
+from wrongturn_networks import load_suite, read_town, town_of
 from wrongturn_protocol import Trial
 
 SECRET = "a secret"
@@ -116,3 +120,28 @@ def test_a_refusal_names_the_field_and_the_remedy_and_prints_no_trial(
     for more in ((), ("--json",)):
         found, line = refused(*arguments, *more)
         assert (found, line[: len(f"wrongturn: {message}")]) == (status, f"wrongturn: {message}")
+
+
+def test_another_machine_rebuilds_trials_towns_and_scenery_byte_for_byte(tmp_path: Path) -> None:
+    """Each of two machines has a home of its own, without any town."""
+    told = []
+    for machine in ("one", "other"):
+        home, out = tmp_path / machine, tmp_path / machine / "towns-of-the-draw"
+        program = [sys.executable, "-m", "wrongturn_client", "trials", "wrong-command-unseen@1", "--secret", SECRET]
+        environment = {**os.environ, "WRONGTURN_HOME": str(home)}
+        done = subprocess.run(
+            [*program, "--towns", str(out), "--json", "-"], env=environment, capture_output=True, check=True
+        )
+        files = {file.relative_to(out): file.read_bytes() for file in out.rglob("*") if file.is_file()}
+        told.append((done.stdout, files))
+    assert told[0] == told[1]
+    drawn = json.loads(told[0][0])
+    trials = [Trial.model_validate(one) for one in drawn["trials"]]
+    assert {folder.name for folder in out.iterdir()} == {trial.town for trial in trials}
+    assert [trial.town for trial in trials[::6]] == list(load_suite("wrong-command-unseen@1").drawn_towns(SECRET))
+    assert len({(trial.town, trial.scenery) for trial in trials}) == 10
+    # Routes are balanced over the towns.
+    assert set(Counter((trial.junction_type, trial.fault.kind, trial.route) for trial in trials).values()) == {5}
+    for trial in trials[::6]:
+        written = read_town(out / trial.town)
+        assert (written.net_sha256, written.sha256) == (town_of(trial).net_sha256, town_of(trial).sha256)

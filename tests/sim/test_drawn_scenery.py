@@ -1,14 +1,11 @@
 """A trial names its town's scenery: camera, judge, fleet and replay have the same, and share the net's part."""
 
-import json
-import shutil
-
 import numpy as np
 import pytest
 
 from wrongturn_judge import JourneyGeometry, JudgeGeometry
 from wrongturn_networks import load_town, read_town, town_of
-from wrongturn_networks.scenery import scenery_toml, sha256_of_scenery
+from wrongturn_networks.loading import write_town
 from wrongturn_protocol import Track, Trial
 from wrongturn_sim import Episode, WrongturnVectorEnv
 from wrongturn_sim.camera import World
@@ -24,13 +21,8 @@ def trial(make_trial) -> Trial:
 @pytest.fixture(scope="module")
 def written(trial, tmp_path_factory):
     """The trial's town as a folder of its own would have it."""
-    drawn = town_of(trial)
-    folder = tmp_path_factory.mktemp("towns") / drawn.name
-    shutil.copytree(drawn.directory, folder)
-    (folder / "scenery.toml").write_text(scenery_toml(drawn.scenery))
-    manifest = json.loads((folder / "manifest.json").read_text())
-    manifest["scenery_sha256"] = sha256_of_scenery(folder / "scenery.toml")
-    (folder / "manifest.json").write_text(json.dumps(manifest))
+    folder = tmp_path_factory.mktemp("towns") / trial.town
+    write_town(town_of(trial), folder)
     return read_town(folder)
 
 

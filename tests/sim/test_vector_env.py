@@ -91,7 +91,7 @@ def test_lengths_and_stops_have_the_same_bytes(make_trial):
     """What the judge sums up along a drive is the same in a batch, to the last bit."""
     seen = set()
     for approach in sorted(load_town("junctions").approaches):
-        trial = make_trial(approach)
+        trial = make_trial(approach).model_copy(update={"watch": 3.3})
         actions = policies(trial)
         envs = WrongturnVectorEnv(5, "junctions", trial=trial, autoreset_mode=AutoresetMode.DISABLED)
         envs.reset()
@@ -108,11 +108,11 @@ def test_lengths_and_stops_have_the_same_bytes(make_trial):
             assert outcome is not None
             assert envs.episode(i).outcome.model_dump_json() == outcome.model_dump_json()
             assert envs.episode(i).trajectory.to_json() == single.episode.trajectory.to_json()
-            names = ("kerb_bite_m", "opposed_lane_m", "first_stop_s", "over_line_m")
+            names = ("kerb_bite_m", "opposed_lane_m", "first_stop_s", "over_line_m", "stop_past_line_m")
             seen |= {name for name in names if getattr(outcome, name)}
             seen |= {outcome.verdict, (outcome.verdict, outcome.flags, outcome.opposed_lane_m < 10.0)}
     assert {"kerb_bite_m", "opposed_lane_m", "first_stop_s", "stopped_before_junction"} <= seen
-    assert ("stopped_before_junction", (Flag.OPPOSED_LANE,), True) in seen
+    assert ("stopped_before_junction", (Flag.OPPOSED_LANE, Flag.STOPPED_ACROSS), True) in seen
 
 
 def test_a_drive_goes_on_past_its_verdict(make_trial, drive):

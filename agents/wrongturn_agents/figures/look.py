@@ -65,12 +65,13 @@ def _of(verdict: Verdict, colour: str, dash: Any, words: str | None = None) -> M
 
 
 EXIT: Final = _of(Verdict.EXIT_COMMANDED, "#0072b2", "solid", "exit")
-_OPPOSED: Final = _of(Verdict.EXIT_COMMANDED, "#56b4e9", (0, (5, 1)), "exit by the oncoming lane")
+_OPPOSED: Final = _of(Verdict.EXIT_COMMANDED, "#56b4e9", (0, (5, 1)), "exit, unsafe in the strict column")
 _NEITHER: Final = _of(Verdict.TIMEOUT, "#777777", (0, (1, 2)))
 _BY_VERDICT: Final = {
     **dict.fromkeys((Verdict.EXIT_COMMANDED, Verdict.EXIT_ROUTE, Verdict.EXIT_OTHER, Verdict.ARRIVED), EXIT),
     Verdict.STOPPED_BEFORE_JUNCTION: _of(Verdict.STOPPED_BEFORE_JUNCTION, "#009e73", (0, (6, 1, 1, 1))),
     Verdict.WRONG_WAY: _of(Verdict.WRONG_WAY, "#e69f00", (0, (7, 2))),
+    Verdict.UNFINISHED: _of(Verdict.UNFINISHED, "#e69f00", (0, (4, 3))),
     Verdict.OFF_ROAD: _of(Verdict.OFF_ROAD, "#d55e00", (0, (3, 1))),
     Verdict.COLLISION: _of(Verdict.COLLISION, "#000000", (0, (1, 1))),
     Verdict.STOPPED_IN_JUNCTION: _of(Verdict.STOPPED_IN_JUNCTION, "#cc79a7", (0, (4, 1, 1, 1, 1, 1))),

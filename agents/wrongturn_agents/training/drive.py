@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from torch import Tensor
 
-from wrongturn_networks import Town
+from wrongturn_networks import Town, load_town
 from wrongturn_protocol import Outcome, Track, Trial
 from wrongturn_sim import FleetTraffic, WrongturnVectorEnv
 
@@ -122,14 +122,15 @@ def drive_trials(
     by_town: dict[tuple[str, int | None], list[int]] = {}
     for i, (_, trial) in enumerate(assigned):
         by_town.setdefault((trial.town, trial.scenery), []).append(i)
-    for (name, _), numbers in by_town.items():
-        found |= _in_town(towns.get(name), numbers, assigned, device, width, patience, stop, options)
+    for (name, scenery), numbers in by_town.items():
+        town = towns.get(name) or load_town(name, scenery)
+        found |= _in_town(town, numbers, assigned, device, width, patience, stop, options)
     count = len(trials)
     return [[found[i * count + k] for k in range(count)] for i in range(len(models))]
 
 
 def _in_town(
-    town: Town | None,
+    town: Town,
     numbers: list[int],
     assigned: Sequence[tuple[AnyModel, Trial]],
     device: torch.device,
@@ -139,8 +140,6 @@ def _in_town(
     options: dict[str, Any],
 ) -> Iterator[tuple[int, DrivenTrial]]:
     count = min(width, len(numbers))
-    if town is None:
-        options = {**options, "trial": assigned[numbers[0]][1]}
     envs = WrongturnVectorEnv(count, town, **options, record=False, copy=False, autoreset_mode=AutoresetMode.DISABLED)
     # The longest trials come first, so that fewer cars wait for the last ones.
     waiting = sorted(numbers, key=lambda i: -_time_limit(assigned[i][1]))

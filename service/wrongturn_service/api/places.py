@@ -34,9 +34,12 @@ async def suite(service: ServiceDep, suite: str) -> Response:
 async def trials(service: ServiceDep, suite: str) -> Response:
     """List the suite's trials for practice. Each names its twin, which can be practised too.
 
-    If every evaluation draws its own trials, these are those of the open draw, and ``draw`` says so.
+    If every evaluation draws its own trials, these are those of the open draw, and ``draw`` says so. While the towns of
+    the open draw are built, you get 503 ``towns-not-built``.
     """
-    return await _made_once(service, f"trials {suite}", lambda: catalogue.suite(suite).trial_list())
+    found = catalogue.suite(suite)
+    draw = service.draws.open_draw(found)
+    return await _made_once(service, f"trials {suite}", lambda: found.trial_list(draw))
 
 
 @towns_router.get("", **described(TownList))

@@ -13,7 +13,8 @@ from wrongturn_networks import Draw, Suite, load_suite
 from wrongturn_networks.draws import halves
 from wrongturn_protocol import Entry, EpisodeState, EvaluationState, ProblemType, Track, Trial
 from wrongturn_protocol.vocabulary import Collection
-from wrongturn_service.errors import ConflictError, InvalidRequestError, unknown
+from wrongturn_service.episodes.draws import Draws
+from wrongturn_service.errors import ConflictError, InvalidRequestError, UnavailableError, unknown
 from wrongturn_service.storage.models import EvaluationRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.usage import reserve_of
@@ -70,9 +71,12 @@ class Schedule:
 class RunningEvaluations:
     """Schedules of running evaluations. Each is made from the database when it is first needed."""
 
-    def __init__(self, store: Store, telemetry: Telemetry, on_finished: Callable[[str], None]) -> None:
+    def __init__(self, store: Store, telemetry: Telemetry, draws: Draws, on_finished: Callable[[str], None]) -> None:
         """Create the collection without schedules. ``on_finished`` gets the suite of each evaluation that finishes."""
         self._store = store
+        self._draws = draws
+        self._unprepared: set[str] = set()
+        """Evaluations from before the start whose towns are being built."""
         self._telemetry = telemetry
         self._on_finished = on_finished
         self._closing: set[str] = set()
@@ -86,6 +90,7 @@ class RunningEvaluations:
 
         Raises:
             ConflictError: The evaluation is finished or cancelled, or its suite has changed.
+            UnavailableError: Its towns are being built.
         """
         if evaluation.state == EvaluationState.CANCELLED:
             raise cancelled(evaluation)
@@ -103,8 +108,9 @@ class RunningEvaluations:
                         f"evaluation {evaluation.id}: {evaluation.suite} has changed since the evaluation began; "
                         "begin another",
                     )
+                draw = self._draws.get(suite, evaluation.secret)
                 done = await self._store.trials_by_state(evaluation.id)
-                found = Schedule(suite.draw(evaluation.secret), evaluation.secret, done[EpisodeState.FINISHED])
+                found = Schedule(draw, evaluation.secret, done[EpisodeState.FINISHED])
                 self._schedules[evaluation.id] = found
                 # A closing from now on finds this schedule and drops it. One that came before is seen here.
                 newest = await self._store.evaluation(evaluation.id)
@@ -158,14 +164,26 @@ class RunningEvaluations:
     async def resume(self) -> None:
         """Finish evaluations whose last verdict was stored before the service stopped."""
         for evaluation in await self._store.running_evaluations():
-            try:
-                await self.schedule(evaluation)
-                await self.finish_if_done(evaluation.id)
-            except Exception:
-                self._log.exception("evaluation cannot go on", evaluation=evaluation.id)
+            await self._resume(evaluation)
+
+    async def _resume(self, evaluation: EvaluationRow) -> None:
+        self._unprepared.discard(evaluation.id)
+        try:
+            await self.schedule(evaluation)
+            await self.finish_if_done(evaluation.id)
+        except UnavailableError:
+            self._unprepared.add(evaluation.id)
+        except Exception:
+            self._log.exception("evaluation cannot go on", evaluation=evaluation.id)
 
     async def retry(self) -> None:
-        """Finish evaluations whose metrics failed."""
+        """Finish evaluations whose metrics failed, and go on with those whose towns are built by now."""
+        for evaluation_id in list(self._unprepared):
+            evaluation = await self._store.evaluation(evaluation_id)
+            if evaluation is None or evaluation.state != EvaluationState.RUNNING:
+                self._unprepared.discard(evaluation_id)
+            else:
+                await self._resume(evaluation)
         for evaluation_id in list(self._schedules):
             await self.finish_if_done(evaluation_id)
 
@@ -174,7 +192,7 @@ class RunningEvaluations:
         if evaluation is None:  # deleted meanwhile
             return
         outcomes = await self._store.outcomes(evaluation_id)
-        draw = load_suite(evaluation.suite).draw(evaluation.secret)
+        draw = self._draws.get(load_suite(evaluation.suite), evaluation.secret)
 
         def compute() -> str:
             from wrongturn_judge import metrics  # noqa: PLC0415 - statistics are heavy, and rarely needed
@@ -200,9 +218,9 @@ def new_evaluation(suite: Suite, agent: str, track: Track, entry: Entry) -> Eval
         entry=entry.value,
         state=EvaluationState.RUNNING.value,
         secret=secrets.token_hex(32),
-        trials=len(suite.episodes),
+        trials=sum(suite.counts),
         created=time.time(),
-        stored_bytes=reserve_of(suite.episodes),
+        stored_bytes=reserve_of(sum(suite.counts), journeys=suite.of_journeys),
     )
 
 

@@ -11,7 +11,7 @@ from typing import Final
 
 import structlog
 
-from wrongturn_judge.metrics import compute, of_journeys
+from wrongturn_judge.metrics import compute
 from wrongturn_judge.ranking import RankingInput
 from wrongturn_networks import Suite
 from wrongturn_protocol import AgentDetail, AgentKind, AlgorithmResult, Metrics, Outcome, Seeds, SeedSpread
@@ -27,7 +27,7 @@ def algorithm_rows(suite: Suite) -> list[RankingInput]:
 
     Suites of journeys have none: the results hold verdicts, not distances.
     """
-    if of_journeys(suite.open_draw):
+    if suite.of_journeys:
         return []
     log = structlog.get_logger("algorithms")
     rows: dict[str, RankingInput] = {}

@@ -10,7 +10,6 @@ import structlog
 from fastapi import APIRouter, Query, Request, Response
 from markupsafe import Markup
 
-from wrongturn_judge.metrics import of_journeys
 from wrongturn_networks import Suite
 from wrongturn_protocol import AgentKind, Leaderboard, LeaderboardEntry, LeaderboardList, Track
 from wrongturn_protocol.standing_rows import MARKS
@@ -82,7 +81,7 @@ def _render(
     number: int,
     others: LeaderboardList,
 ) -> bytes:
-    journeys = of_journeys(suite.open_draw)
+    journeys = suite.of_journeys
     return rendered(
         "leaderboard.html",
         path,

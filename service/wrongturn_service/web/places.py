@@ -8,7 +8,6 @@ from typing import Annotated, NamedTuple
 
 from fastapi import APIRouter, Query, Request, Response
 
-from wrongturn_judge.metrics import of_journeys
 from wrongturn_networks import Suite, load_suite, suite_ids
 from wrongturn_networks.catalogue import list_suites, list_towns
 from wrongturn_protocol import Cell, Command, Condition, FaultKind, JunctionType, Task, Trial
@@ -110,7 +109,7 @@ def _suite(suite_id: str) -> bytes:
         f"/suites/{suite_id}",
         suite=found.summary(),
         drawn=bool(found.cells),
-        journeys=of_journeys(found.open_draw),
+        journeys=found.of_journeys,
         strata=strata(found.cells or found.listed),
         towns=_towns_of(found),
         town_map=town_map,

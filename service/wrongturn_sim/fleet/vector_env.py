@@ -105,13 +105,13 @@ class WrongturnVectorEnv(TrialVectorEnv):
                 "own_traffic=FleetTraffic() to drive beside the batch's own traffic"
             )
         self._source = TrialSource(trials, place)
-        where, *others = self._source.places
+        (name, scenery), *others = self._source.places
         if others:
-            names = ", ".join(sorted({town for town, _ in (where, *others)}))
+            names = ", ".join(sorted({name, *(other for other, _ in others)}))
             raise OptionError(f"suite: {trials.suite} has trials in {names}; all cars need the same town")
         self.copy = copy
         self._fleet = Fleet(
-            place or load_town(*where),
+            place or load_town(name, scenery),
             num_envs,
             self.track,
             threads=threads,
