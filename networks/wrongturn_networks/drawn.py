@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 # What builds is imported where it is used: a service only asks for names and starts other processes.
 
-VERSION: Final = 1
+VERSION: Final = 2
 """Version of the towns that names make. Increase it whenever a name makes other bytes: kept towns are then rebuilt."""
 SUMO: Final = "1.28.0"
 """Version of SUMO whose netconvert builds them: another one could build other bytes."""
@@ -73,7 +73,9 @@ def build_drawn(name: str) -> Path:
     folder = _folder(name)
     if is_built(name):
         return folder
-    from wrongturn_networks.making.generated import drawn_recipe  # noqa: PLC0415
+    from wrongturn_networks.loading import read_town  # noqa: PLC0415
+    from wrongturn_networks.making.checking import flaws  # noqa: PLC0415
+    from wrongturn_networks.making.drawing import drawn_recipes  # noqa: PLC0415
     from wrongturn_networks.making.netconvert import build, version  # noqa: PLC0415
 
     try:
@@ -82,7 +84,10 @@ def build_drawn(name: str) -> Path:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{name}-", dir=folder.parent) as scratch:
             made = Path(scratch) / name
-            build(drawn_recipe(name), made, generator=VERSION)
+            for recipe in drawn_recipes(name):
+                build(recipe, made, generator=VERSION)
+                if not any(flaws(read_town(made))):
+                    break
             try:
                 made.rename(folder)
             except OSError:

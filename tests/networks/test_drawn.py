@@ -14,7 +14,7 @@ from wrongturn_networks.drawn import build_drawn, build_towns, drawn_name, is_bu
 from wrongturn_networks.making import netconvert
 
 NAME = "drawn-00000000000000ff"
-SHA256 = "e0f15d994564384ac4969aa43bcf66002060afbfacf1f01ff92b02eba335bb9a"
+SHA256 = "9dca246a06c0f7aef0847484536357a479fd6c498fbfe051b0b7b51810e51438"
 """Checksum of that town. If it changes, increase ``drawn.VERSION``."""
 
 

@@ -3,7 +3,7 @@
 import random
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import networkx as nx
 
@@ -19,7 +19,17 @@ MISSING: Final = (0.1, 0.35)
 _BEND_RADII: Final = (8.0, 14.0)
 _TRIES: Final = 1000
 
-_Node = tuple[int, int]
+Node = tuple[int, int]
+"""A place of the grid: column and row."""
+
+
+class Layout(NamedTuple):
+    """Which pieces of a grid's streets there are."""
+
+    names: dict[Node, str]
+    """Names of the junctions."""
+    chains: list[list[Node]]
+    """Places of each street, from one junction to the next."""
 
 
 def generated_recipe(seed: int) -> Recipe:
@@ -39,20 +49,23 @@ def generated_recipe(seed: int) -> Recipe:
     raise RuntimeError(f"seed: none of {_TRIES} layouts of seed {seed} makes a town; take another seed")
 
 
-def drawn_recipe(name: str) -> Recipe:
-    """Return the recipe of the drawn town of a name; see :mod:`wrongturn_networks.drawn`."""
-    draw = random.Random(name)
-    for _ in range(_TRIES):
-        drawn = _drawn(draw, name, int(name.rpartition("-")[2], 16) >> 11)
-        if drawn is not None:
-            return drawn
-    raise RuntimeError(f"none of {_TRIES} layouts makes a town")
-
-
 def _drawn(draw: random.Random, name: str, seed: int) -> Recipe | None:
     """Return a town; None if the layout that was drawn makes none."""
     columns, rows = draw.choice(COLUMNS), draw.choice(ROWS)
-    xs, ys = _lines(draw, columns), _lines(draw, rows)
+    xs, ys = lines(draw, columns, SPACING), lines(draw, rows, SPACING)
+    layout = drawn_layout(draw, columns, rows)
+    if layout is None:
+        return None
+    names, chains = layout
+    streets = [
+        Street(names[chain[0]], names[chain[-1]], tuple((xs[i], ys[j]) for i, j in _corners(chain))) for chain in chains
+    ]
+    nodes: dict[str, Point] = {label: (xs[i], ys[j]) for (i, j), label in names.items()}
+    return Recipe(name, nodes, tuple(streets), seed, bend_radius=round(draw.uniform(*_BEND_RADII), 2))
+
+
+def drawn_layout(draw: random.Random, columns: int, rows: int) -> Layout | None:
+    """Return which pieces of a grid's streets there are; None if those that were drawn make no town."""
     places = [(i, j) for i in range(columns) for j in range(rows)]
     pieces = [
         ((i, j), (i + di, j + dj)) for i, j in places for di, dj in ((1, 0), (0, 1)) if (i + di, j + dj) in places
@@ -61,27 +74,23 @@ def _drawn(draw: random.Random, name: str, seed: int) -> Recipe | None:
     grid = nx.k_core(nx.Graph(kept), 2)  # without dead ends
     junctions = sorted(node for node, arms in grid.degree if arms > 2)
     names = {node: f"J{number}" for number, node in enumerate(junctions, 1)}
-    streets = [
-        Street(names[chain[0]], names[chain[-1]], tuple((xs[i], ys[j]) for i, j in _corners(chain)))
-        for chain in _chains(grid, names)
-    ]
-    ends = [frozenset((street.start, street.end)) for street in streets]
+    chains = list(_chains(grid, names))
+    ends = [frozenset((chain[0], chain[-1])) for chain in chains]
     # SUMO's edges are named after their ends, so two streets cannot join the same junctions, nor one lead back.
     if len(names) < 4 or len(set(ends)) < len(ends) or min(map(len, ends)) < 2 or not nx.is_connected(grid):
         return None
-    nodes: dict[str, Point] = {label: (xs[i], ys[j]) for (i, j), label in names.items()}
-    return Recipe(name, nodes, tuple(streets), seed, bend_radius=round(draw.uniform(*_BEND_RADII), 2))
+    return Layout(names, chains)
 
 
-def _lines(draw: random.Random, count: int) -> list[float]:
+def lines(draw: random.Random, count: int, spacing: tuple[float, float]) -> list[float]:
     """Return where a number of parallel streets lie, metres."""
     places = [0.0]
     for _ in range(count - 1):
-        places.append(round(places[-1] + draw.uniform(*SPACING), 2))
+        places.append(round(places[-1] + draw.uniform(*spacing), 2))
     return places
 
 
-def _chains(grid: "nx.Graph[_Node]", names: dict[_Node, str]) -> Iterator[list[_Node]]:
+def _chains(grid: "nx.Graph[Node]", names: dict[Node, str]) -> Iterator[list[Node]]:
     """Yield the nodes of each street, from one junction to the next."""
     for start in names:
         for step in sorted(grid[start]):
@@ -94,7 +103,7 @@ def _chains(grid: "nx.Graph[_Node]", names: dict[_Node, str]) -> Iterator[list[_
                 yield chain
 
 
-def _corners(chain: list[_Node]) -> list[_Node]:
+def _corners(chain: list[Node]) -> list[Node]:
     """Return the nodes at which a street turns."""
     along = [(before[0] == after[0]) for before, after in pairwise(chain)]
     return [node for node, (into, out) in zip(chain[1:], pairwise(along), strict=False) if into != out]

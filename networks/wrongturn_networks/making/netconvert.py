@@ -63,7 +63,9 @@ def build(recipe: Recipe, folder: Path, **told: Any) -> None:
         tree.write(net, "utf-8", xml_declaration=True)
     (folder / "scenery.toml").unlink(missing_ok=True)
     _write_manifest(recipe, folder, told)
-    (folder / "scenery.toml").write_text(scenery_toml(place_scenery(read_town(folder), recipe.seed)), "utf-8")
+    (folder / "scenery.toml").write_text(
+        scenery_toml(place_scenery(read_town(folder), recipe.seed, recipe.styles)), "utf-8"
+    )
     _write_manifest(recipe, folder, told)
 
 
