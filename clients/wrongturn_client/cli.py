@@ -94,7 +94,7 @@ def towns(
 
 @app.command()
 def leaderboard(
-    suite: Annotated[str, typer.Argument(help="Id of the suite. Example: smoke@3")] = "wrong-command@3",
+    suite: Annotated[str, typer.Argument(help="Id of the suite. Example: smoke@3")] = "wrong-command-unseen@1",
     url: Url = None,
     compare: Annotated[
         tuple[str, str] | None,

@@ -15,7 +15,7 @@ def submit(
         Path | None, typer.Argument(metavar="FILE", help="The model, an ONNX file. Example: my_agent.onnx")
     ] = None,
     *,
-    suite: Annotated[str, typer.Option(help="Suite to drive. Example: --suite smoke@3")] = "wrong-command@3",
+    suite: Annotated[str, typer.Option(help="Suite to drive. Example: --suite smoke@3")] = "wrong-command-unseen@1",
     name: Annotated[
         str | None,
         typer.Option(

@@ -228,6 +228,7 @@ class Cell(Message):
     """A trial of a suite that has not been drawn yet. The draw chooses approach, route, start, window, watch, seed."""
 
     town: str
+    """The town's name, or ``drawn 0``, ``drawn 1`` and so on: a town that the secret makes."""
     junction_type: JunctionType
     fault: Fault
     weather: Weather = Weather.CLEAR_NOON

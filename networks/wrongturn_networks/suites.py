@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
+from wrongturn_networks.drawn import build_towns
 from wrongturn_networks.draws import Draw, draw_cells, is_drawn_cell, town_names_of
 from wrongturn_networks.errors import CorruptFileError, UnknownSuiteError
 from wrongturn_networks.loading import load_town
@@ -39,12 +40,16 @@ class Suite:
     def draw(self, secret: str) -> Draw:
         """Return the trials that a secret (any text) makes of the cells; the listed ones for a suite without cells.
 
+        Towns that the secret makes are built where they are missing, in several processes.
+
         Raises:
             SecretError: the secret is empty, or is not text in UTF-8.
             UnknownTownError: a cell names a town that does not exist.
             ApproachTooShortError: no approach of a cell's type has room for a start.
+            TownBuildError: a town cannot be built.
         """
         if self.cells:
+            build_towns(self.drawn_towns(secret))
             return draw_cells(self.id, self.cells, secret)
         return Draw(self.id, self.listed, tuple(trial.twin() for trial in self.listed if trial.journey is None))
 

@@ -8,7 +8,6 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from wrongturn_networks.drawn import build_towns
 from wrongturn_networks.draws import Draw, commitment_of
 from wrongturn_networks.errors import CommitmentError, SecretError
 from wrongturn_networks.loading import town_of, write_town
@@ -63,7 +62,6 @@ def trials(
     """
     check_json_file(json_to)
     chosen = load_suite(suite)
-    build_towns(chosen.drawn_towns(chosen.id if secret is None else secret))
     draw = _drawn(chosen, secret)
     if commitment is not None:
         _check(secret, commitment)

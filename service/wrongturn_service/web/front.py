@@ -22,7 +22,7 @@ from wrongturn_service.web.page import numbered_page, rendered, sent
 from wrongturn_service.web.standings import page_count, standings
 
 router = APIRouter(include_in_schema=False)
-FIRST: Final = "wrong-command@3"
+FIRST: Final = "wrong-command-unseen@1"
 """The suite whose leaderboard is the first page."""
 Filter = Annotated[str, Query(max_length=40)]
 _KINDS: Final = (AgentKind.SUBMITTED, AgentKind.REFERENCE, AgentKind.BASELINE, AgentKind.EXPLOIT, AgentKind.ALGORITHM)
@@ -36,7 +36,7 @@ _Word = TypeVar("_Word", bound=StrEnum)
 async def front(
     request: Request, service: ServiceDep, track: Filter = "", kind: Filter = "", page: Filter = "1"
 ) -> Response:
-    """Show the leaderboard of the paper's suite."""
+    """Show the leaderboard that counts."""
     return await _leaderboard(request, service, FIRST, track, kind, page)
 
 
