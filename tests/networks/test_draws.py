@@ -214,7 +214,7 @@ def test_journeys_have_ways_that_their_seeds_do_not_tell() -> None:
     with pytest.raises(ValueError, match=r"cells\[1\]: has no task"):
         draw_cells("mixed@1", [cells[0], cell("Town01")], "a secret")
     for wrong in ({}, {"task": "cruise"}, {"task": "navigation", "fault": {"kind": "omission"}}):
-        with pytest.raises(ValueError, match="junction_type: a cell has one|task: a journey has a goal"):
+        with pytest.raises(ValueError, match=r"junction_type: a cell has one|task: a journey has a goal"):
             Cell.model_validate({"town": "Town01", **wrong})
 
 
