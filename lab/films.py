@@ -177,7 +177,7 @@ def ways_table() -> Table:
     """Return a row for each way in which the agents' unsafe trials end, with medians and ranges, and the film."""
     rows: list[Row] = []
     study = read(_STUDY)
-    for agent in learned_agents():
+    for agent in (name for name in learned_agents() if name in study):
         each = []
         for one in study[agent]["ways"]:
             if not one["film"]:  # an agent without unsafe trials, where others seldom fail
@@ -213,7 +213,7 @@ def collisions_table() -> Table:
     """Return how each agent's journeys beside traffic ended, and what it hit."""
     rows: list[Row] = []
     study = read(_STUDY)
-    for agent in learned_agents():
+    for agent in (name for name in learned_agents() if name in study):
         journeys = study[agent]["journeys"] or ()
         hits = [one for one in journeys if one["contact"] is not None]
         said = [

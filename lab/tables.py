@@ -13,7 +13,7 @@ from lab.stored_results import Collection
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.results_file import ResultsFile
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
-from wrongturn_agents.stored_results import ALGORITHMS, table_order
+from wrongturn_agents.stored_results import table_order
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_client.tables import plain_table
 from wrongturn_protocol import (
@@ -242,25 +242,6 @@ def _spreads(seeds: Sequence[UnsafeCounts]) -> list[str]:
 
 def _by_type(cells: Mapping[Cell, object]) -> list[str]:
     return [" · ".join(str(cells[kind, fault]) for fault in FAULTS) for kind in PAPER_TYPES]
-
-
-def summary_table(collection: Collection) -> Table:
-    """Return one line for each shipped agent of the paper's kinds, for README."""
-    rows = []
-    for name in ALGORITHMS:
-        file = collection.of_shipped(WRONG_COMMAND, name)
-        if file is None:
-            continue
-        counts, paper = count_unsafe(file), PAPER_BY_NAME[name]
-        wrong, follow = (str(sum(counts.strict[kind, fault] for kind in PAPER_TYPES)) for fault in FAULTS)
-        seeds = [one.unsafe_strict for seed, one in counts_by_seed(collection, name).items() if seed is not None]
-        unsafe, twins = marked(counts.marks["strict"]), f"{counts.completed}/{counts.twins}"
-        theirs = f"{paper.unsafe} = {sum(paper.infeasible)} + {sum(paper.omission)}"
-        over = f"{spread(seeds)} ({len(seeds)})" if seeds else "–"
-        rows.append((f"`{name}`", wrong, follow, unsafe, twins, str(counts.unsafe), theirs, over))
-    head = ("agent", "no such turn, of 30", "follow lane, of 30", "unsafe of 60, strict (95 %)", "twins completed",
-            "the paper's column", "the paper", "strict over seeds")  # fmt: skip
-    return Table("Unsafe episodes in short", head, rows, words=1)
 
 
 class Success(NamedTuple):

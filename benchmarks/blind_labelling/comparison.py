@@ -10,7 +10,6 @@ from labels import Label, strict_column
 
 from wrongturn_judge import JudgeGeometry, judge
 from wrongturn_networks import town_of
-from wrongturn_protocol import Flag
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ def judged(drive: Drive) -> Judged:
     if outcome.verdict.exited:
         assert outcome.exit is not None
         word = f"exit_{outcome.exit.name.lower()}"
-    return Judged(word, strict_column(outcome.verdict, opposed=Flag.OPPOSED_LANE in outcome.flags), outcome.time)
+    return Judged(word, strict_column(outcome.verdict, opposed=outcome.unsafe_strict), outcome.time)
 
 
 def compare(drives: list[Drive], labels: dict[int, Label]) -> list[Pair]:

@@ -1,4 +1,4 @@
-"""Both sides of every threshold of version 2 that has to do with standing, waiting and time."""
+"""Both sides of every threshold that has to do with standing, waiting and time."""
 
 import math
 from collections.abc import Sequence

@@ -9,9 +9,11 @@ from typing import Any
 
 import pytest
 
-from wrongturn_networks import TownBuildError, UnknownTownError, drawn, load_town, town_names
+from wrongturn_networks import TownBuildError, UnknownTownError, bends_of, drawn, load_town, town_names
 from wrongturn_networks.drawn import build_drawn, build_towns, drawn_name, is_built, is_drawn
 from wrongturn_networks.making import netconvert
+from wrongturn_networks.making.checking import flaws
+from wrongturn_protocol import PAPER_TYPES
 
 NAME = "drawn-00000000000000ff"
 SHA256 = "9dca246a06c0f7aef0847484536357a479fd6c498fbfe051b0b7b51810e51438"
@@ -55,6 +57,11 @@ def test_a_town_is_built_once_by_all_who_want_it(home: Path) -> None:
     assert load_town(NAME) is town
     assert town.sha256 == SHA256
     assert NAME not in town_names()
+    assert list(flaws(town)) == []
+    widths = {lane.width for lane in town.lanes.values()}
+    assert len(widths) == len(town.lanes) / 2
+    assert all(3.5 <= width <= 4.25 for width in widths)
+    assert all(bends_of(lane) for lane in town.lanes.values())
 
 
 def test_a_folder_that_is_unlike_what_the_name_makes_is_replaced(home: Path) -> None:
@@ -86,6 +93,14 @@ def test_what_keeps_a_town_from_being_built_is_said(home: Path, monkeypatch: pyt
     home.write_text("a file")
     with pytest.raises(TownBuildError, match=r"^town: .*let WRONGTURN_HOME name a folder"):
         build_towns([NAME])
+
+
+def test_towns_that_would_not_do_are_found_out() -> None:
+    short = [flaw for flaw in flaws(load_town("Town01")) if flaw.endswith(" m")]
+    assert "J8-J11_1: 27.6 m" in short
+    few = [flaw for flaw in flaws(load_town("junctions")) if "approaches" in flaw]
+    assert few == [f"1 approaches of type {kind}" for kind in PAPER_TYPES]
+    assert "some lane cannot be reached from another" in flaws(load_town("junctions"))
 
 
 def test_the_version_of_sumo_is_the_one_that_is_installed() -> None:
