@@ -6,6 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from wrongturn_protocol.suggestions import did_you_mean
 from wrongturn_protocol.vocabulary import (
+    CORL_TASKS,
     STRICT_FLAGS,
     Command,
     EpisodeState,
@@ -225,14 +226,27 @@ def twin_id(trial: Trial) -> str:
 
 
 class Cell(Message):
-    """A trial of a suite that has not been drawn yet. The draw chooses approach, route, start, window, watch, seed."""
+    """A trial of a suite that has not been drawn yet. The draw chooses approach, route, start, window, watch, seed.
+
+    It has a junction type and a fault; or a task of CoRL 2017 for a journey, of which the draw chooses start and goal.
+    """
 
     town: str
     """The town's name, or ``drawn 0``, ``drawn 1`` and so on: a town that the secret makes."""
-    junction_type: JunctionType
-    fault: Fault
+    junction_type: JunctionType | None = Field(default=None, exclude_if=is_none)
+    fault: Fault = Fault(kind=FaultKind.NONE)
+    task: Task | None = Field(default=None, exclude_if=is_none)
+    """The task of a journey, which has neither junction type nor fault."""
     weather: Weather = Weather.CLEAR_NOON
     traffic: Traffic = Traffic()
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> Self:
+        if (self.task is None) == (self.junction_type is None):
+            raise ValueError("junction_type: a cell has one, with a fault, or a task")
+        if self.task is not None and (self.task not in CORL_TASKS or self.fault.kind is not FaultKind.NONE):
+            raise ValueError("task: a journey has a goal and no fault; choose a task of CoRL 2017, and leave fault out")
+        return self
 
 
 class PracticeRequest(Message):

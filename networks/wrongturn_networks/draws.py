@@ -16,6 +16,7 @@ from typing import Final, TypeVar
 
 from wrongturn_networks.drawn import drawn_name
 from wrongturn_networks.errors import ApproachTooShortError, SecretError, UnknownTownError, UnknownTrialError
+from wrongturn_networks.journeys import draw_journey
 from wrongturn_networks.loading import load_town, town_names
 from wrongturn_networks.per_net import once_per_net
 from wrongturn_networks.starts import LANE_RESERVE, SHORTEST, WINDOW, slow_start
@@ -125,6 +126,8 @@ def draw_cells(suite_id: str, cells: Sequence[Cell], secret: str) -> Draw:
     """
     numbers = _Numbers(secret)
     drawn = town_names_of(cells, secret)
+    if any(cell.task for cell in cells):
+        return Draw(suite_id, _journeys(cells, drawn, numbers), (), secret)
     approaches = _dealt(cells, lambda cell: cell, lambda cell, *group: _approaches_of(cell, drawn, numbers, *group))
     routes = _dealt(cells, _anywhere, lambda cell, *group: _routes_of(cell, numbers, *group))
     trials: list[Trial] = []
@@ -146,11 +149,14 @@ def possible_trials(cell: Cell) -> tuple[Trial, ...]:
     ApproachTooShortError if no approach of the cell's type has room for a start.
     """
     numbers = _Numbers("any")
-    town = town_names_of([cell], "any").get(cell.town, cell.town)
+    drawn = town_names_of([cell], "any")
+    if cell.task is not None:
+        return _journeys([cell], drawn, numbers)
+    town = drawn.get(cell.town, cell.town)
     return tuple(
         _trial(cell, town, f"{approach} {route}", (approach, route), numbers, set())
         for approach in _approaches(cell, town, "cell")
-        for route in sorted(cell.junction_type.exits)
+        for route in sorted(_type_of(cell).exits)
     )
 
 
@@ -182,7 +188,7 @@ def _approaches_of(cell: Cell, drawn: Mapping[str, str], numbers: "_Numbers", fi
 
 def _routes_of(cell: Cell, numbers: "_Numbers", first: int, count: int) -> list[Command]:
     """Return the route of each of some cells that are alike, the first of which has the index ``first``."""
-    exits = numbers.ordered(f"{first} exits", sorted(cell.junction_type.exits))
+    exits = numbers.ordered(f"{first} exits", sorted(_type_of(cell).exits))
     return numbers.ordered(f"{first} routes", [exits[k % len(exits)] for k in range(count)])
 
 
@@ -191,7 +197,7 @@ def _approaches(cell: Cell, town: str, field: str) -> tuple[str, ...]:
     known = town_names()
     if town not in known and not is_drawn_cell(cell):
         raise UnknownTownError(town, known, f"{field}.town")
-    approaches = _roomy(load_town(town), cell.junction_type)
+    approaches = _roomy(load_town(town), _type_of(cell))
     if not approaches:
         raise ApproachTooShortError(
             f"{field}: no approach of type {cell.junction_type} in {town} has {SHORTEST + LANE_RESERVE:.0f} m of "
@@ -217,14 +223,12 @@ def _trial(
     approach, route = place
     town = load_town(town_name)
     room = town.lanes[town.approach(approach).lane].length - LANE_RESERVE
-    drawn = (numbers.whole(f"{label} seed {attempt}", SEEDS) for attempt in itertools.count())
-    seed = next(number for number in drawn if number not in taken)
-    taken.add(seed)
+    seed = _seed(label, numbers, taken)
     return Trial(
         id=trial_id(town_name, approach, cell.fault.kind, seed),
         town=town_name,
         approach=approach,
-        junction_type=cell.junction_type,
+        junction_type=_type_of(cell),
         route=route,
         start=slow_start(
             numbers.between(f"{label} distance", min(NEAREST, room), min(FARTHEST, room)),
@@ -240,6 +244,36 @@ def _trial(
         watch=round(numbers.between(f"{label} watch", *WATCH), 3),
         scenery=numbers.whole(f"scenery {cell.town}", SCENERIES),
     )
+
+
+def _seed(label: str, numbers: "_Numbers", taken: set[int]) -> int:
+    """Return a seed that is not taken, and take it."""
+    drawn = (numbers.whole(f"{label} seed {attempt}", SEEDS) for attempt in itertools.count())
+    seed = next(number for number in drawn if number not in taken)
+    taken.add(seed)
+    return seed
+
+
+def _journeys(cells: Sequence[Cell], drawn: Mapping[str, str], numbers: "_Numbers") -> tuple[Trial, ...]:
+    """Return a journey for each cell. Its way follows from a number of its own, not from the trial's seed."""
+    taken: set[int] = set()
+    trials = []
+    for index, cell in enumerate(cells):
+        if cell.task is None:
+            raise ValueError(f"cells[{index}]: has no task, and others have one; make two suites of them")
+        town = load_town(drawn.get(cell.town, cell.town))
+        way = numbers.whole(f"{index} trial way", SEEDS)
+        trial = draw_journey(town, cell.task, way, weather=cell.weather, traffic=cell.traffic)
+        seed = _seed(f"{index} trial", numbers, taken)
+        name = f"{town.name}.{cell.task}.{trial.approach}.s{seed}"
+        scenery = numbers.whole(f"scenery {cell.town}", SCENERIES)
+        trials.append(trial.model_copy(update={"id": name, "seed": seed, "scenery": scenery}))
+    return tuple(trials)
+
+
+def _type_of(cell: Cell) -> JunctionType:
+    assert cell.junction_type is not None, "a journey's cell is drawn elsewhere"
+    return cell.junction_type
 
 
 def _bytes_of(secret: str) -> bytes:

@@ -87,7 +87,8 @@ class Suite:
     @property
     def counts(self) -> tuple[int, int]:
         """Number of trials, and of twins."""
-        return len(self.cells or self.listed), len(self.cells) or sum(trial.journey is None for trial in self.listed)
+        twins = sum(cell.task is None for cell in self.cells) + sum(trial.journey is None for trial in self.listed)
+        return len(self.cells or self.listed), twins
 
     @property
     def of_journeys(self) -> bool:

@@ -21,6 +21,7 @@ from wrongturn_networks import (
     SecretError,
     UnknownTownError,
     commitment_of,
+    draw_journey,
     draw_trial,
     draws,
     load_suite,
@@ -37,6 +38,7 @@ from wrongturn_protocol import (
     Fault,
     FaultKind,
     JunctionType,
+    Task,
     Traffic,
     Trial,
     Weather,
@@ -196,6 +198,24 @@ def test_one_of_each_pair_comes_first_and_which_one_is_drawn() -> None:
     first, second = draws.halves(journeys, "a secret")
     assert (len(first), second) == (400, ())
     assert first != journeys.trials
+
+
+def test_journeys_have_ways_that_their_seeds_do_not_tell() -> None:
+    cells = [Cell(town=town, task=Task.NAVIGATION) for town in ("Town01", "Town02") for _ in range(20)]
+    draw = draw_cells("journeys@1", cells, "a secret")
+    assert (draw.twins, draw.episodes, len({trial.id for trial in draw.trials})) == ((), draw.trials, 40)
+    assert len({trial.seed for trial in draw.trials}) == 40
+    for one, trial in zip(cells, draw.trials, strict=True):
+        assert (trial.town, trial.journey and trial.journey.task) == (one.town, one.task)
+        assert Trial.model_validate_json(trial.model_dump_json()) == trial
+        by_its_seed = draw_journey(load_town(trial.town), Task.NAVIGATION, trial.seed)
+        assert (by_its_seed.start, by_its_seed.journey) != (trial.start, trial.journey)
+    assert len({(trial.town, trial.scenery) for trial in draw.trials}) == 2
+    with pytest.raises(ValueError, match=r"cells\[1\]: has no task"):
+        draw_cells("mixed@1", [cells[0], cell("Town01")], "a secret")
+    for wrong in ({}, {"task": "cruise"}, {"task": "navigation", "fault": {"kind": "omission"}}):
+        with pytest.raises(ValueError, match=r"junction_type: a cell has one|task: a journey has a goal"):
+            Cell.model_validate({"town": "Town01", **wrong})
 
 
 def test_conditions_are_the_cells() -> None:
