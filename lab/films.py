@@ -160,7 +160,7 @@ def check_films(collection: Collection) -> None:
     """Raise OutdatedPageError if a film is not of the stored results and the shipped weights."""
     study = read(_STUDY)
     remedy = "make them with 'python -m lab.films', and write docs/failures.md anew"
-    for agent in learned_agents():
+    for agent in (name for name in learned_agents() if collection.of_shipped(WRONG_COMMAND, name)):
         why = outdated(study[agent], agent, Ended.of(agent, collection)) if agent in study else "are missing"
         if why is not None:
             raise OutdatedPageError(f"films of {agent}: {why}; {remedy}")
@@ -240,7 +240,8 @@ def _spread(values: Iterable[float | None]) -> str:
 def make(agents: Sequence[str]) -> None:
     """Drive, measure and film the agents that are outdated, and remove films that nothing shows any more."""
     study, collection = read(_STUDY), Collection.read(STORED)
-    everyone = {name: Ended.of(name, collection) for name in learned_agents()}
+    driven = (name for name in learned_agents() if collection.of_shipped(WRONG_COMMAND, name))
+    everyone = {name: Ended.of(name, collection) for name in driven}
     cells = Counter(way.cell for ended in everyone.values() for way, names in ended.unsafe.items() for _ in names)
     for name in agents or everyone:
         if name in study and outdated(study[name], name, everyone[name]) is None:

@@ -34,7 +34,7 @@ def commands(text: str) -> list[str]:
 
 
 def extras_of(part: Path) -> set[str]:
-    return {*tomllib.loads((part / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]}
+    return {*tomllib.loads((part / "pyproject.toml").read_text("utf-8"))["project"].get("optional-dependencies", {})}
 
 
 def run(command: str, folder: Path) -> str:
