@@ -122,10 +122,12 @@ class FakeService:
                 suite = {"id": "smoke@3", "title": "Smoke", "version": 3, "sha256": SHA, "trials": 6, "twins": 6}
                 return httpx.Response(200, json={"suites": [{**suite, "tracks": ["privileged"]}]})
             case "GET", ["v1", "leaderboards"]:
-                boards = [_board(suite, entries=count) for suite, count in (("wrong-command@3", 0), ("smoke@3", 2))]
+                boards = [
+                    _board(suite, entries=count) for suite, count in (("wrong-command-unseen@1", 0), ("smoke@3", 2))
+                ]
                 return httpx.Response(200, json={"leaderboards": [{**board, "title": "Some"} for board in boards]})
-            case "GET", ["v1", "leaderboards", "wrong-command@3"]:
-                return httpx.Response(200, json=_board("wrong-command@3", entries=[]))
+            case "GET", ["v1", "leaderboards", "wrong-command-unseen@1"]:
+                return httpx.Response(200, json=_board("wrong-command-unseen@1", entries=[]))
             case "GET", ["v1", "leaderboards", suite, "compare"]:
                 return httpx.Response(200, json=_comparison(suite, request.url.params["a"], request.url.params["b"]))
             case "GET", ["v1", "towns", town]:

@@ -248,10 +248,12 @@ def test_json_goes_to_stdout_or_beside_the_table_into_a_file(
 def test_json_takes_only_what_looks_like_its_file(
     points: dict[tuple[str, str], str], served: FakeService, tmp_path: Path
 ) -> None:
-    words = ["leaderboard", "--json", "wrong-command@3", "--url", "http://fake"]
-    assert json.loads(runner.invoke(cli.app, words).stdout)["suite"] == "wrong-command@3"
-    runner.invoke(cli.app, ["leaderboard", f"--json={tmp_path / 'any'}", "wrong-command@3", "--url", "http://fake"])
-    assert json.loads((tmp_path / "any").read_text())["suite"] == "wrong-command@3"
+    words = ["leaderboard", "--json", "wrong-command-unseen@1", "--url", "http://fake"]
+    assert json.loads(runner.invoke(cli.app, words).stdout)["suite"] == "wrong-command-unseen@1"
+    runner.invoke(
+        cli.app, ["leaderboard", f"--json={tmp_path / 'any'}", "wrong-command-unseen@1", "--url", "http://fake"]
+    )
+    assert json.loads((tmp_path / "any").read_text())["suite"] == "wrong-command-unseen@1"
 
 
 @pytest.mark.parametrize("name", ["no/found.json", "folder.json"])
@@ -285,7 +287,7 @@ def test_an_empty_leaderboard_names_the_suites_that_have_entries(served: FakeSer
     shown = runner.invoke(cli.app, ["leaderboard", "--url", "http://fake"]).stdout
     assert "No evaluation on this suite has been finished yet." in shown
     assert "wrongturn leaderboard smoke@3 --url http://fake" in shown
-    assert "leaderboard wrong-command@3" not in shown
+    assert "leaderboard wrong-command-unseen@1" not in shown
     assert json.loads(runner.invoke(cli.app, ["leaderboard", "--json", "--url", "http://fake"]).stdout)["entries"] == []
 
 

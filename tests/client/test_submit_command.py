@@ -90,7 +90,7 @@ def test_one_that_is_not_ranked_says_why(served: FakeSubmissions, model: Path) -
     done = submit(model)
     assert done.exit_code == 0
     assert "Not ranked: Completed 3 of 60 twins, at least 54 are needed." in done.stdout
-    assert served.detail["suite"] == "wrong-command@3"
+    assert served.detail["suite"] == "wrong-command-unseen@1"
 
 
 @pytest.mark.parametrize("state", ["failed", "cancelled"])
@@ -149,7 +149,7 @@ def test_ctrl_c_leaves_it_running(served: FakeSubmissions, model: Path) -> None:
     assert served.detail["state"] == "running"
     served.inject = None
     done = submit("--cancel", "s1")
-    assert done.stdout == "Cancelled: my_agent on wrong-command@3.\n"
+    assert done.stdout == "Cancelled: my_agent on wrong-command-unseen@1.\n"
     assert submit("--follow", "s1").exit_code == 1
 
 
@@ -157,7 +157,7 @@ def test_what_is_over_cannot_be_cancelled(served: FakeSubmissions, model: Path) 
     submit(model)
     done = submit("--cancel", "s1")
     assert done.exit_code == 0
-    assert done.stdout == "Nothing is left to cancel: my_agent on wrong-command@3 is finished.\n"
+    assert done.stdout == "Nothing is left to cancel: my_agent on wrong-command-unseen@1 is finished.\n"
     listed = CliRunner().invoke(cli.app, ["submissions", "--url", URL]).stdout
     assert "s1" in listed
     assert "finished" in listed

@@ -124,11 +124,11 @@ def test_boundary_cases_and_links(served: ServedApp) -> None:
 
 
 def is_busy(response: Any) -> bool:
-    """Whether it is the one server error that may be: no simulator is free, and when to come again."""
+    """Whether it is a server error that may be: no simulator is free, or towns are built; and when to come again."""
     return (
         response is not None
         and response.status_code == 503
-        and response.json()["type"] == "/problems/simulators-busy"
+        and response.json()["type"] in {"/problems/simulators-busy", "/problems/towns-not-built"}
         and "retry-after" in response.headers
     )
 

@@ -70,8 +70,10 @@ class Grid:
 
     def fixed(self, points: Any) -> NDArray[np.int32]:
         """Return points (N, 2), metres, as cells in OpenCV's fixed-point coordinates."""
-        cells = (np.asarray(points, np.float64)[:, :2] - (self.x, self.y)) / CELL - 0.5
-        return np.rint(cells * (1 << _SHIFT)).astype(np.int32)
+        cells = np.asarray(points, np.float64)[:, :2] - (self.x, self.y)
+        cells *= (1 << _SHIFT) / CELL
+        cells -= 0.5 * (1 << _SHIFT)
+        return np.rint(cells, out=cells).astype(np.int32)
 
     def mask(self) -> Raster:
         """Return an empty mask."""
@@ -122,16 +124,21 @@ def edge_line(lane: Lane) -> BaseGeometry:
     return _strip(LineString(lane.centreline).offset_curve(EDGE_OFFSET - lane.width / 2))
 
 
+_CORNERS: Final = np.array([(0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5)])
+
+
 def _foot(item: SceneryObject, wider: float = 0.0) -> NDArray[np.float64]:
     """Return the corners of an object's box, (4, 2), each side moved outwards by so many metres."""
     cos, sin = math.cos(item.yaw), math.sin(item.yaw)
-    along, across = item.length / 2 + wider, item.width / 2 + wider
-    corners = np.array([(along, across), (-along, across), (-along, -across), (along, -across)])
-    turned: NDArray[np.float64] = corners @ np.array([[cos, sin], [-sin, cos]]) + (item.x, item.y)
+    along, across = item.length + 2 * wider, item.width + 2 * wider
+    turned: NDArray[np.float64] = _CORNERS @ np.array([(along * cos, along * sin), (-across * sin, across * cos)])
+    turned += item.x, item.y
     return turned
 
 
-def _shadow(grid: Grid, into: Raster, item: SceneryObject, sun: tuple[float, float], bit: int) -> None:
+def _shadow(
+    grid: Grid, into: Raster, item: SceneryObject, foot: NDArray[np.float64], sun: tuple[float, float], bit: int
+) -> None:
     elevation, bearing = sun
     reach = 1.0 / math.tan(elevation)
     away = np.array([-math.cos(bearing), -math.sin(bearing)]) * reach
@@ -149,7 +156,6 @@ def _shadow(grid: Grid, into: Raster, item: SceneryObject, sun: tuple[float, flo
         root = np.array([[item.x, item.y], *(np.array([[item.x, item.y]]) + away * middle)])
         cv2.polylines(into, [grid.fixed(root)], False, bit, 3, shift=_SHIFT)
         return
-    foot = _foot(item)
     if item.kind is SceneryKind.FENCE:
         for share in (0.35, 0.7, 0.95):
             rail = foot + away * item.height * share
@@ -194,8 +200,9 @@ def dressed(grid: Grid, ground: Raster, scenery: Iterable[SceneryObject]) -> Ras
         wider = 0.25 if item.kind is SceneryKind.FENCE else 0.6
         # OpenCV fills a polygon's outline too, so take half a cell off.
         cv2.fillPoly(feet, [grid.fixed(_foot(item, wider - CELL / 2))], 1, shift=_SHIFT)
+        foot = _foot(item)
         for number, (shade, sun) in enumerate(zip(shades, SUNS, strict=True)):
-            _shadow(grid, shade, item, sun, 64 << number)
+            _shadow(grid, shade, item, foot, sun, 64 << number)
     code = np.asarray(cv2.LUT(ground, _CODES[0]), np.uint8)
     cv2.copyTo(cv2.LUT(ground, _CODES[1]), feet, code)
     for shade in shades:
