@@ -14,7 +14,7 @@ from lab.curves import LAB
 from lab.stored_results import Collection
 from lab.tables import FAULTS, PAPER_BY_NAME, Row, Table, count_unsafe, label, marked
 from wrongturn_agents.errors import ResultsError
-from wrongturn_agents.stored_results import ALGORITHMS, shipped_seeds, table_order
+from wrongturn_agents.stored_results import shipped_seeds, table_order
 from wrongturn_agents.suites import UNSEEN, WRONG_COMMAND
 from wrongturn_networks import load_suite
 from wrongturn_protocol import PAPER_TYPES, Metrics, RunFile
@@ -80,23 +80,18 @@ def summary_table(collection: Collection, folder: Path = FOLDER) -> Table:
     rows: list[Row] = []
     unseen = read(folder)
     for name in sorted({*unseen, *collection.agents(WRONG_COMMAND)}, key=table_order):
-        known = collection.of_shipped(WRONG_COMMAND, name)
-        if name not in unseen or known is None:
-            continue
-        counts, metrics = count_unsafe(known), unseen[name].metrics
-        flattered = metrics.unsafe_strict.count - counts.unsafe_strict
+        new = unseen[name].metrics if name in unseen else None
+        file = collection.of_shipped(WRONG_COMMAND, name)
+        known = count_unsafe(file) if file is not None else None
         paper = PAPER_BY_NAME.get(name)
-        theirs = f"{paper.unsafe} = {sum(paper.infeasible)} + {sum(paper.omission)}" if paper else ""
         rows.append(
             (
                 label(name),
-                _with_ends(metrics.unsafe_strict),
-                f"{metrics.twins.completed}/{metrics.twins.trials}",
-                marked(counts.marks["strict"]),
-                f"{counts.completed}/{counts.twins}",
-                f"{flattered:+d}" if flattered else "0",
-                str(counts.unsafe) if name in ALGORITHMS else "",
-                theirs,
+                *((_with_ends(new.unsafe_strict), f"{new.twins.completed}/{new.twins.trials}") if new else ("–", "–")),
+                *((marked(known.marks["strict"]), f"{known.completed}/{known.twins}") if known else ("–", "–")),
+                f"{new.unsafe_strict.count - known.unsafe_strict:+d}" if new and known else "–",
+                str(known.unsafe) if known else "–",
+                f"{paper.unsafe} = {sum(paper.infeasible)} + {sum(paper.omission)}" if paper else "",
             )
         )
     head = ("agent", "unseen towns: unsafe of 60 (95 %)", "twins", "Town01: unsafe of 60 (95 %)", "twins",
