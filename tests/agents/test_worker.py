@@ -401,7 +401,7 @@ def test_a_token_of_another_track_is_refused(url):
         ({"resume": "ev-none"}, "--resume: no run 'ev-none'"),
         (
             {"agent": "careful", "suite": "nope@1"},
-            "suite: 'nope@1' is not known; there are: navigation@1, smoke@3, wrong-command@3",
+            "suite: 'nope@1' is not known; there are: navigation-unseen@1, navigation@1, smoke@3",
         ),
         ({"agent": "careful", "parallel": 2}, "--parallel: the agent may keep a memory between steps"),
         ({"agent": "missing.zip"}, "agent: missing.zip: there is no such file; name what model.save"),
