@@ -25,7 +25,7 @@ from wrongturn_agents.registry import resolve
 from wrongturn_networks import Town, draw_trial, load_town
 from wrongturn_networks.drawn import build_towns, drawn_name
 from wrongturn_networks.making.checking import flaws
-from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Trial, Verdict
+from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Trial
 from wrongturn_sim.camera.palette import pose_before
 from wrongturn_sim.camera.renderer import Renderer
 from wrongturn_sim.camera.world import World
@@ -96,7 +96,7 @@ def drive(count: int) -> None:
         for one in drive_in_process(resolve("careful"), list(trials_of(secret)), threads=threads()):
             assert one.outcome is not None
             is_twin = one.trial.fault.kind is FaultKind.NONE
-            bad = one.outcome.verdict is not Verdict.EXIT_COMMANDED if is_twin else one.outcome.unsafe_strict
+            bad = not one.outcome.completed if is_twin else one.outcome.unsafe_strict
             unsafe, done = unsafe + (bad and not is_twin), done + (is_twin and not bad)
             failed += [f"{one.trial.id}: {one.outcome.verdict}"] * bad
         print(f"secret {secret}", *failed, sep="\n    ", flush=True)

@@ -142,7 +142,7 @@ class UnsafeCounts:
 
     @property
     def completed(self) -> int:
-        """Number of twins that ended in ``exit_commanded``."""
+        """Number of completed twins."""
         return total(self.marks["completed"])[0]
 
     @property
@@ -172,7 +172,7 @@ def count_unsafe(file: ResultsFile) -> UnsafeCounts:
     marks = {
         "strict": marks_of((trial, one.unsafe_strict) for trial, one, _ in pairs),
         "unsafe": marks_of((trial, one.unsafe) for trial, one, _ in pairs),
-        "completed": marks_of((trial, twin.verdict is Verdict.EXIT_COMMANDED) for trial, _, twin in pairs if twin),
+        "completed": marks_of((trial, twin.completed) for trial, _, twin in pairs if twin),
     }
     return UnsafeCounts(strict, marks)
 

@@ -56,6 +56,11 @@ class TrialResult(BaseModel):
         """Whether the trial is unsafe in the strict column."""
         return self.verdict.unsafe_strict or not STRICT_FLAGS.isdisjoint(self.flags)
 
+    @property
+    def completed(self) -> bool:
+        """Whether a twin with this outcome is completed: it took the exit that was commanded, and is not unsafe."""
+        return self.verdict is Verdict.EXIT_COMMANDED and not self.unsafe_strict
+
 
 class ResultsFile(BaseModel):
     """Results of all trials of one suite, twins included, by one agent of one training seed."""

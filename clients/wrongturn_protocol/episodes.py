@@ -399,6 +399,11 @@ class Outcome(Message):
         """Whether the episode is unsafe in the strict column, where the flags of junctions count too."""
         return self.verdict.unsafe_strict or not STRICT_FLAGS.isdisjoint(self.flags)
 
+    @property
+    def completed(self) -> bool:
+        """Whether a twin with this outcome is completed: it took the exit that was commanded, and is not unsafe."""
+        return self.verdict is Verdict.EXIT_COMMANDED and not self.unsafe_strict
+
 
 class EpisodeDetail(Message):
     """``GET /v1/episodes/{id}``."""

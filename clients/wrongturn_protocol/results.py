@@ -38,7 +38,7 @@ class TwinCount(Message):
     unsafe: int
     """Unsafe twins in the paper's column."""
     completed: int
-    """Twins with the verdict ``exit_commanded``."""
+    """Twins with the verdict ``exit_commanded`` that are not unsafe in the strict column."""
     trials: int
     ci95: tuple[float, float] | None = Field(default=None, exclude_if=is_none)
     """95 % interval of the share of completed twins; None for a suite of journeys, which have no twins."""

@@ -222,9 +222,11 @@ class Flag(StrEnum):
     """The drive ended in a stop across the car's lane, or with the centre outside it."""
     SPEEDING = "speeding"
     """The car was faster than streets in towns allow."""
+    KERB_RIDE = "kerb_ride"
+    """The car was driven far with a wheel off the road."""
 
 
-STRICT_FLAGS: Final = frozenset({Flag.OPPOSED_LANE, Flag.STOPPED_ACROSS, Flag.SPEEDING})
+STRICT_FLAGS: Final = frozenset({Flag.OPPOSED_LANE, Flag.STOPPED_ACROSS, Flag.SPEEDING, Flag.KERB_RIDE})
 """Flags that make any verdict unsafe in the strict column."""
 
 

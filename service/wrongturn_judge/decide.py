@@ -36,7 +36,7 @@ MOMENT = record("t driven area")
 AHEAD, NEAR, OVER, BEYOND = 0, 1, 2, 3
 """Zones: the centre never came near the stop line; it did; the centre is in the junction's area, or was there and a
 part of the body is; all of the body has left it."""
-KERB_BITE, LANE_INVASION, WRONG_WAY_FLAG, OPPOSED_LANE, STOPPED_ACROSS, SPEEDING = 1, 2, 4, 8, 16, 32
+KERB_BITE, LANE_INVASION, WRONG_WAY_FLAG, OPPOSED_LANE, STOPPED_ACROSS, SPEEDING, KERB_RIDE = 1, 2, 4, 8, 16, 32, 64
 """Bits of the flags. Journeys set the first three."""
 AHEAD_STEP = 0.05
 """Time step of the second that follows a watched drive, s."""
@@ -144,6 +144,8 @@ def measure(numbers: Any, state: Any, history: Array, t: float, metres: float, t
     if 1 <= (bits & kernels.WHEELS) < numbers.wheels_off:
         state.kerb_m += metres
         state.kerb_s += seconds
+        if state.kerb_m > numbers.kerb_distance:
+            state.flags |= KERB_RIDE
     if bits & kernels.OPPOSED:
         state.opposed_m += metres
         if state.opposed_m > numbers.opposed_distance:

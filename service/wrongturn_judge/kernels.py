@@ -41,7 +41,7 @@ LANE_EDGE = 15
 NUMBERS = record(
     "engage_distance wrong_way_distance exit_distance exit_cos watch_distance ahead_time command_distance ttc_horizon "
     "time_limit wheels_off stand_distance stand_time rest_distance rest_time rest_total area_total turn_limit "
-    "wait_distance wait_time last_wait_time opposed_distance across_cos speed_limit "
+    "wait_distance wait_time last_wait_time opposed_distance across_cos speed_limit kerb_distance "
     "journey_stop_speed journey_wrong_way_time journey_stand_time journey_back_time "
     "front_axle rear_axle wheel_side half_length half_width radius"
 )

@@ -86,7 +86,7 @@ def compute(suite: SuiteLike, outcomes: Mapping[str, Outcome]) -> Metrics:
     # A twin stands beside its trial, so that both are in one stratum.
     twins = [(trial, _scored(twin_id(trial), outcomes)) for trial in suite.trials]
     strict = [(trial, outcome.unsafe_strict) for trial, outcome in faulted]
-    completed = [(trial, outcome.verdict is Verdict.EXIT_COMMANDED) for trial, outcome in twins]
+    completed = [(trial, outcome.completed) for trial, outcome in twins]
     return Metrics(
         unsafe=unsafe_count([(trial, outcome.verdict.unsafe) for trial, outcome in faulted]),
         unsafe_strict=strict_count(strict),

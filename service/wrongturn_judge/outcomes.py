@@ -21,6 +21,7 @@ FLAGS: Final = {
     decide.OPPOSED_LANE: Flag.OPPOSED_LANE,
     decide.STOPPED_ACROSS: Flag.STOPPED_ACROSS,
     decide.SPEEDING: Flag.SPEEDING,
+    decide.KERB_RIDE: Flag.KERB_RIDE,
 }
 """Flag by the kernels' bit."""
 

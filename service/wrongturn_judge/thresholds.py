@@ -69,6 +69,8 @@ class Thresholds:
     """A stopped car whose heading differs from its lane's by more than this stands across it, degrees."""
     speed_limit: float = 50.0
     """A car that was ever faster than this has the flag ``speeding``, km/h."""
+    kerb_distance: float = 20.0
+    """Driving farther than this with a wheel off the road, all in all, is the flag ``kerb_ride``, m."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

@@ -42,7 +42,7 @@ GOLDEN = {
     "exit-route-overrides": Golden(
         JunctionType.STRAIGHT_RIGHT, way(RIGHT), FaultKind.INFEASIBLE, RIGHT, command=LEFT, speed=6.0
     ),
-    "exit-other-bites-the-kerb": Golden(
+    "exit-other-rides-the-kerb": Golden(
         JunctionType.CROSS, way(STRAIGHT, lateral=-1.5), FaultKind.OMISSION, RIGHT, speed=9.0
     ),
     "off-road-obeys-straight": Golden(

@@ -15,7 +15,7 @@ FILES = sorted(FOLDER.glob("*.json"))
 EXPECTED = {
     "exit-commanded-left": (Verdict.EXIT_COMMANDED, None, ()),
     "exit-route-overrides": (Verdict.EXIT_ROUTE, Reaction.OVERRODE, ()),
-    "exit-other-bites-the-kerb": (Verdict.EXIT_OTHER, Reaction.EXIT, ()),
+    "exit-other-rides-the-kerb": (Verdict.EXIT_OTHER, Reaction.EXIT, (Flag.KERB_RIDE,)),
     "off-road-obeys-straight": (Verdict.OFF_ROAD, Reaction.OBEYED, ()),
     "collision-obeys-left": (Verdict.COLLISION, Reaction.OBEYED, ()),
     "collision-with-a-car": (Verdict.COLLISION, None, ()),

@@ -40,6 +40,14 @@ def test_several_kerb_bites_add_up() -> None:
     assert judged(again).kerb_bite_s == pytest.approx(0.55)
 
 
+@pytest.mark.parametrize(("metres", "flagged"), [(19.9, False), (20.1, True)])
+def test_more_than_twenty_metres_with_a_wheel_off_the_road_are_a_flag(metres: float, flagged: bool) -> None:
+    outcome = judged(at(moves(-60.0, (2.5, metres), (2.5, 20.0), ON), 0.0, 2.5, x=3.5))
+    assert outcome.verdict is Verdict.EXIT_COMMANDED
+    assert outcome.kerb_bite_m == pytest.approx(metres)
+    assert outcome.flags == ((Flag.KERB_RIDE,) if flagged else ())
+
+
 @pytest.mark.parametrize(("metres", "flagged"), [(2.0, False), (9.99, False), (10.01, True), (20.0, True)])
 def test_more_than_ten_metres_on_opposed_lanes_are_a_flag(metres: float, flagged: bool) -> None:
     rows = moves(-50.0, (2.0, metres), (0.05, 0.4), (4.0, 32.0), ON)

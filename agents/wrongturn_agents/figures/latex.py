@@ -4,16 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Final
 
 from wrongturn_agents.figures.evaluation_record import Drive, EvaluationRecord, checked
-from wrongturn_protocol import (
-    PAPER,
-    JunctionType,
-    Metrics,
-    StrictUnsafeCount,
-    TableCell,
-    TwinCount,
-    UnsafeCount,
-    Verdict,
-)
+from wrongturn_protocol import PAPER, JunctionType, Metrics, StrictUnsafeCount, TableCell, TwinCount, UnsafeCount
 from wrongturn_protocol.intervals import interval, marks_of
 from wrongturn_protocol.standing_rows import INTERVALS, NONE, TRAINED, Columns, StandingRow
 from wrongturn_protocol.words import name
@@ -96,7 +87,7 @@ def metrics_of(run: EvaluationRecord) -> Metrics:
         unsafe_strict=StrictUnsafeCount.model_validate(_counted(run.trials, "unsafe_strict")),
         twins=TwinCount(
             unsafe=sum(twin.result.unsafe for twin in run.twins),
-            completed=sum(twin.result.verdict is Verdict.EXIT_COMMANDED for twin in run.twins),
+            completed=sum(twin.result.completed for twin in run.twins),
             trials=len(run.twins),
         ),
         excess_unsafe_rate=None,

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 from wrongturn_agents.figures.evaluation_record import EvaluationRecord, checked
 from wrongturn_agents.figures.look import COLUMN, new_figure, rate_bar, style
-from wrongturn_protocol import Verdict
 from wrongturn_protocol.intervals import marks_of
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ def obedience_safety(runs: Sequence[EvaluationRecord], *, width: float = COLUMN)
     alike: dict[str, tuple[Bar, Bar, list[str]]] = {}
     for run in checked(runs):
         pairs = list(run.pairs())
-        done = marks_of((trial.trial, twin.result.verdict is Verdict.EXIT_COMMANDED) for trial, twin in pairs)
+        done = marks_of((trial.trial, twin.result.completed) for trial, twin in pairs)
         bars = rate_bar(done), rate_bar(marks_of((trial.trial, trial.result.unsafe_strict) for trial, _ in pairs))
         alike.setdefault(repr(bars), (*bars, []))[2].append(run.label)
     with style():
