@@ -68,9 +68,9 @@ def test_pairs_are_drawn_over_one_another(run):
     for axes in figure.axes:
         assert len([line for line in axes.lines if len(line.get_xdata()) > 2]) == 2
     assert figure.axes[0].get_title() == "straight or left\ninfeasible"
-    (name,) = [drive.trial.id for drive in run.trials if drive.trial.approach == "J9-W"]
-    (one,) = figures.beside_twins(run, [name]).axes
-    assert one.get_xlabel() == "J9-W"
+    trial = run.trials[0].trial
+    (one,) = figures.beside_twins(run, [trial.id]).axes
+    assert one.get_xlabel() == trial.approach
     with pytest.raises(ResultsError, match="trials: no-such: is no trial of this run"):
         figures.beside_twins(run, ["no-such"])
 
@@ -157,7 +157,7 @@ def test_the_papers_table_in_latex():
 def test_a_row_for_each_trial(run):
     rows = list(csv.DictReader(io.StringIO(figures.csv_text([run]))))
     assert len(rows) == 12
-    trial = next(one for one in load_suite("smoke@3").open_draw.episodes if one.approach == "J12-E" and not one.is_twin)
+    trial = next(one for one in load_suite("smoke@3").open_draw.trials if one.fault.kind is FaultKind.INFEASIBLE)
     row = next(row for row in rows if row["trial"] == trial.id)
     told = {
         "agent": "by hand",
@@ -166,7 +166,7 @@ def test_a_row_for_each_trial(run):
         "track": "camera",
         "suite": "smoke@3",
         "evaluation": "ev_1",
-        "junction_type": "STRAIGHT_LEFT",
+        "junction_type": trial.junction_type.value,
         "fault": "infeasible",
         "verdict": "off_road",
         "reaction": "obeyed",

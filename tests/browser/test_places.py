@@ -43,7 +43,7 @@ def test_a_suite_of_journeys_has_tasks_and_conditions(visit: Visit):
 
 def test_the_commands_carry_this_services_address(visit: Visit, site: Site):
     commands = visit("/submit").locator("pre").all_inner_texts()
-    assert f"wrongturn submit my_agent.onnx --suite wrong-command@3 --url {site.url}" in commands[0]
+    assert f"wrongturn submit my_agent.onnx --suite wrong-command-unseen@1 --url {site.url}" in commands[0]
     assert all(site.url in command for command in commands)
 
 

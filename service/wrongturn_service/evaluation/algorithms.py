@@ -25,9 +25,10 @@ Provider = Callable[[str], Sequence[AlgorithmResult]]
 def algorithm_rows(suite: Suite) -> list[RankingInput]:
     """Return a row for each algorithm that an installed package has results of.
 
-    Suites of journeys have none: the results hold verdicts, not distances.
+    Suites of journeys have none: the results hold verdicts, not distances. Nor do suites that make towns, for an open
+    draw would have to build them here.
     """
-    if suite.of_journeys:
+    if suite.of_journeys or suite.makes_towns:
         return []
     log = structlog.get_logger("algorithms")
     rows: dict[str, RankingInput] = {}
