@@ -129,7 +129,7 @@ def test_the_address_of_the_service_shows_the_unseen_towns_and_leads_to_the_pape
     visit: Visit, accessible: Accessible
 ):
     page = visit("/")
-    assert "benchmark" in page.inner_text("h1")
+    assert "nobody has seen" in page.inner_text("h1")
     accessible(page)
     assert page.locator("tbody.paper").count() == 0
     page.get_by_role("link", name="wrong-command@3").first.click()

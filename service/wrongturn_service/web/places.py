@@ -117,6 +117,7 @@ def _suite(suite_id: str) -> bytes:
         f"/suites/{suite_id}",
         suite=found.summary(),
         drawn=bool(found.cells),
+        makes_towns=found.makes_towns,
         own_towns=DRAWN,
         journeys=found.of_journeys,
         strata=strata(found.cells or found.listed),
