@@ -56,6 +56,7 @@ TOGETHER = {
     "tests/exploits": "agents",
     **{f"tests/agents/test_{name}.py": "agents" for name in ("practice", "worker")},
     "tests/benchmarks/test_short_forms.py": "agents",
+    "tests/system/test_pages_run.py": "agents",
 }
 """Folders and files that share a service which takes long to start or to fill: one worker runs all of a group. The
 longest group comes first."""

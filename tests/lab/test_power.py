@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lab import power
 from lab.power import (
     IN_CELL,
     POWER,
@@ -25,11 +26,18 @@ from wrongturn_protocol.intervals import LEVEL, RANK_LEVEL
 PAGE = Path(__file__).parents[2] / "docs" / "ranking.md"
 
 
+@pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("name", TABLES)
-def test_the_page_has_the_codes_table(name: str) -> None:
+def test_the_page_has_the_codes_table(name: str, whole: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     _, _, after = PAGE.read_text("utf-8").partition(f"<!-- python -m lab.power {name} -->\n\n")
-    shown, _, _ = after.partition("\n<!-- end of power -->")
-    assert shown == TABLES[name]().markdown(), f"put the table of python -m lab.power {name} into docs/ranking.md"
+    shown = after.partition("\n<!-- end of power -->")[0].splitlines()
+    if not whole:  # a row or two
+        for rows in ("RATES", "SPREADS"):
+            monkeypatch.setattr(power, rows, getattr(power, rows)[1:2])
+        monkeypatch.setattr(power, "IN_TOWNS", power.IN_TOWNS[2:])
+        monkeypatch.setattr(power, "TRUTHS", dict(list(TRUTHS.items())[8:]))
+    rows = TABLES[name]().markdown().splitlines()
+    assert (shown == rows) if whole else set(rows) <= set(shown), f"python -m lab.power {name} gives others"
 
 
 @pytest.mark.parametrize(("first", "second"), [(alike(0.1), alike(0.3)), (filled(0.3), filled(0.4))])
@@ -53,9 +61,9 @@ def test_the_difference_that_shows_is_the_least(agent, rate: float) -> None:
 
 
 def test_equal_agents_differ_at_about_five_percent_at_most() -> None:
-    alarms = [power_at(rate).false_alarm for rate in np.linspace(0, 1, 11)]
+    alarms = [power_at(rate).false_alarm for rate in np.linspace(0, 1, 6)]
     assert max(alarms) < 0.056
-    assert min(alarms[2:-2]) > 0.045
+    assert min(alarms[1:-1]) > 0.045
     assert alarms[0] == alarms[-1] == 0
     assert chance_behind(alike(0.2), 2) == pytest.approx(power_at(0.2).false_alarm / 2)
     assert power_at(0.97).shown is None

@@ -55,19 +55,6 @@ def test_it_can_be_read_in_a_few_minutes() -> None:
 
 
 @pytest.mark.system
-def test_each_command_it_shows_has_help() -> None:
-    text = (ROOT / "README.md").read_text("utf-8")
-    shown = [*text.split("```")[1::2], *re.findall(r"`([^`\n]+)`", text)]
-    commands = {command for code in shown for command in re.findall(r"\bwrongturn ([a-z]+)", code)}
-    assert {"run", "serve", "leaderboard", "doctor"} <= commands
-    for command in commands:
-        shown = subprocess.run(
-            [sys.executable, "-m", "wrongturn_client", command, "--help"], capture_output=True, text=True, check=True
-        )
-        assert "Usage" in shown.stdout
-
-
-@pytest.mark.system
 def test_its_figures_are_those_of_the_stored_results() -> None:
     checked = subprocess.run(
         [sys.executable, "-m", "lab.results", "--check"], capture_output=True, text=True, check=False, cwd=ROOT
