@@ -13,7 +13,6 @@ from wrongturn_agents import figures
 from wrongturn_agents.errors import MissingPackageError, ResultsError
 from wrongturn_agents.figures import evaluation_record
 from wrongturn_agents.figures.junction_maps import installed_town
-from wrongturn_agents.figures.rate_charts import mcnemar
 from wrongturn_networks import load_suite
 from wrongturn_protocol import FaultKind, Flag, Reaction, Trial, Verdict
 from wrongturn_protocol.standing_rows import INTERVALS
@@ -125,11 +124,6 @@ def test_pairs_are_counted(run):
     said = [text.get_text() for text in axes.texts]
     assert "+50, p = 0.25" in said
     assert "-100, p = 0.031" in said
-
-
-@pytest.mark.parametrize(("discordant", "p"), [((0, 0), 1.0), ((5, 0), 0.0625), ((3, 1), 0.625), ((2, 2), 1.0)])
-def test_mcnemars_exact_test(discordant, p):
-    assert mcnemar(*discordant) == mcnemar(*reversed(discordant)) == pytest.approx(p)
 
 
 def test_the_papers_table_in_latex():

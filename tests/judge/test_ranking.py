@@ -116,11 +116,6 @@ def test_staying_away_takes_the_rank(kit, suite, verdict) -> None:
     assert absent.why_not == "Ended 4 of 60 trials in timeout or not_engaged, at most 3 are allowed."
 
 
-def test_twins_do_not_count_as_trials_left_undecided(kit, suite) -> None:
-    (entry,) = rank([kit.row(suite, "a", kit.outcomes_of(suite, twins=dict.fromkeys(range(6), Verdict.NOT_ENGAGED)))])
-    assert entry.rank == 1
-
-
 def test_a_parked_car_is_told_both_reasons(kit, suite) -> None:
     everywhere = dict.fromkeys(range(60), Verdict.NOT_ENGAGED)
     (parked,) = rank([kit.row(suite, "parked", kit.outcomes_of(suite, everywhere, everywhere))])

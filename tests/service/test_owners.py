@@ -121,6 +121,12 @@ def test_names_that_mislead_are_reserved(http: httpx.Client, taken: str) -> None
     assert "is reserved" in told["detail"]
 
 
+@pytest.mark.parametrize("taken", ["careful", "Carefu1", "PPO image"])
+def test_names_of_shipped_agents_are_for_the_operator(http: httpx.Client, taken: str) -> None:
+    told = problem(http.post("/v1/agents", json={"name": taken, "track": "camera"}), 409, "agent-name-taken")
+    assert "comes with Wrongturn" in told["detail"]
+
+
 def test_a_registration_again_by_its_key(http: httpx.Client) -> None:
     key = {"Idempotency-Key": str(uuid.uuid4())}
     body, agent = {"name": name()}, {"name": name(), "track": "camera"}

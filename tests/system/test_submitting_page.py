@@ -9,7 +9,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from onnx import TensorProto, helper
@@ -38,13 +37,6 @@ def folder(tmp_path: Path) -> Path:
 
 def environment(**more: str) -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if not name.startswith("WRONGTURN_")} | more
-
-
-def entry_of(service: LocalService, evaluation: str) -> dict[str, Any]:
-    with Client(service.url) as client:
-        entries = client.leaderboard("smoke@3").entries
-    (entry,) = [entry for entry in entries if entry.evaluation == evaluation]
-    return entry.model_dump(mode="json")
 
 
 def test_curl_leads_from_a_fresh_service_to_a_rank(service: LocalService, folder: Path) -> None:
