@@ -110,7 +110,7 @@ def schema_of(served: ServedApp) -> Any:
                 "negative_data_rejection": {"expected-statuses": ["4xx", 503]},
                 **{name: {"enabled": False} for name in UNCHECKED},
             },
-            "phases": {"fuzzing": {"generation": {"max-examples": 3}}},
+            "phases": {"fuzzing": {"enabled": False}},
             "operations": [{"include-path": "/v1/agents/{agent}/token", "enabled": False}],
         }
     )
