@@ -13,9 +13,11 @@ import functools
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -33,6 +35,7 @@ VERSION: Final = 2
 SUMO: Final = "1.28.0"
 """Version of SUMO whose netconvert builds them: another one could build other bytes."""
 _PREFIX: Final = "drawn-"
+_LEFT_S: Final = 3600.0
 _DIGITS: Final = 16
 
 
@@ -129,7 +132,14 @@ def build_towns(names: Iterable[str], processes: int | None = None) -> None:
 
 
 def forget_unused(keep: int) -> None:
-    """Delete those towns that nobody read for the longest time, until ``keep`` are left. Names build them again."""
+    """Delete those towns that nobody read for the longest time, until ``keep`` are left. Names build them again.
+
+    What builders that were killed have left goes too, after an hour.
+    """
+    for left in (home() / "towns").glob(f".{_PREFIX}*"):
+        with contextlib.suppress(OSError):
+            if time.time() - left.stat().st_mtime > _LEFT_S:
+                shutil.rmtree(left)
     folders = [folder for folder in (home() / "towns").glob(f"{_PREFIX}*") if is_drawn(folder.name)]
     for folder in sorted(folders, key=lambda one: one.stat().st_mtime, reverse=True)[keep:]:
         with contextlib.suppress(OSError), tempfile.TemporaryDirectory(prefix=".old-", dir=folder.parent) as scratch:
@@ -163,7 +173,7 @@ def main(names: Iterable[str]) -> int:
         for name in names:
             build_drawn(name)
     except NetworkError as error:
-        print(error, file=sys.stderr)
+        print(*str(error).split(), file=sys.stderr)
         return 1
     return 0
 

@@ -1,6 +1,10 @@
 """``wrongturn trials``: the trials that a secret draws of a suite."""
 
+import contextlib
+import os
 import re
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -62,17 +66,9 @@ def trials(
     """
     check_json_file(json_to)
     chosen = load_suite(suite)
-    draw = _drawn(chosen, secret)
     if commitment is not None:
         _check(secret, commitment)
-    if towns is not None:
-        for town in dict.fromkeys(map(town_of, draw.trials)):
-            try:
-                write_town(town, towns / town.name)
-            except OSError as error:
-                raise typer.BadParameter(
-                    f"{towns}: {error.strerror or error}; name another", param_hint="--towns"
-                ) from None
+    draw = _drawn(chosen, secret) if towns is None else _with_towns(chosen, secret, towns)
     give_json(_content(chosen, draw), json_to)
     if json_to == STDOUT:
         return
@@ -80,6 +76,34 @@ def trials(
         typer.echo(line)
     console = Console(highlight=False)
     (console if console.is_terminal else Console(highlight=False, width=_WIDTH)).print(_table(draw))
+
+
+@contextlib.contextmanager
+def _home(folder: str) -> Iterator[None]:
+    """Let another folder be the home of this process and of those that it starts."""
+    before = os.environ.get("WRONGTURN_HOME")
+    os.environ["WRONGTURN_HOME"] = folder
+    try:
+        yield
+    finally:
+        os.environ.pop("WRONGTURN_HOME")
+        if before is not None:
+            os.environ["WRONGTURN_HOME"] = before
+
+
+def _with_towns(suite: Suite, secret: str | None, folder: Path) -> Draw:
+    """Return a draw, and write its towns. What is kept at home may have been changed, so they are built anew."""
+    try:
+        if folder.exists() and any(folder.iterdir()):
+            raise typer.BadParameter(f"{folder} is not empty; name a new folder", param_hint="--towns")
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory() as scratch, _home(scratch):
+            draw = _drawn(suite, secret)
+            for town in dict.fromkeys(map(town_of, draw.trials)):
+                write_town(town, folder / town.name)
+    except OSError as error:
+        raise typer.BadParameter(f"{folder}: {error.strerror or error}; name another", param_hint="--towns") from None
+    return draw
 
 
 def _drawn(suite: Suite, secret: str | None) -> Draw:

@@ -52,15 +52,14 @@ def suite(suite_id: str) -> Suite:
 def town(name: str, scenery: int | None = None) -> Town:
     """Return a town by its name, with drawn scenery if its seed is given.
 
-    Raises NotFoundError. No request builds a drawn town.
+    Raises NotFoundError. No request for a town builds it.
     """
-
-    def look() -> Town:
-        if is_drawn(name) and not is_built(name):
-            raise UnknownTownError(name, town_names())
-        return load_town(name, scenery)
-
-    return _find(look, "town", ProblemType.UNKNOWN_TOWN)
+    if is_drawn(name) and not is_built(name):
+        detail = f"town: {name} is not here; the page of an evaluation that was driven there builds it again"
+        raise NotFoundError(
+            ProblemType.UNKNOWN_TOWN, detail, errors=(FieldError(path="town", message=detail.removeprefix("town: ")),)
+        )
+    return _find(lambda: load_town(name, scenery), "town", ProblemType.UNKNOWN_TOWN)
 
 
 def town_detail(name: str) -> TownDetail:

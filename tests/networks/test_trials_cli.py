@@ -114,6 +114,7 @@ def test_the_right_commitment_is_accepted(commitment: str) -> None:
         (("smoke@9",), 1, "suite: 'smoke@9' is not known; there are: navigation-unseen@1, "),
         (("navigation@1", "--secret", "x"), 1, "secret: navigation@1 lists its trials and draws none; leave"),
         (("smoke@3", "--secret", ""), 1, "secret: is empty; give the evaluation's, or leave it out"),
+        (("smoke@3", "--towns", "/"), 2, "--towns: / is not empty; name a new folder"),
         (("smoke@3", "--commitment", COMMITMENT), 1, "secret: missing; --commitment checks a secret, so give --secret"),
         (
             ("smoke@3", "--secret", "x", "--commitment", "ab"),

@@ -8,6 +8,7 @@ from typing import Any
 
 import httpx
 import orjson
+import psutil
 import pytest
 from app_harness import application, step, until
 from service_harness import expect, problem
@@ -15,7 +16,7 @@ from service_harness import expect, problem
 from wrongturn_networks import load_suite
 from wrongturn_networks.drawn import is_built
 from wrongturn_networks.draws import halves
-from wrongturn_service.episodes import evaluations
+from wrongturn_service.episodes import draws, evaluations
 
 SUITE = "wrong-command-unseen@1"
 
@@ -33,9 +34,18 @@ async def once_built(http: httpx.AsyncClient, method: str, url: str, **body: Any
     raise AssertionError("the towns were not built within two minutes")
 
 
+def kill_builder() -> bool:
+    """Kill the process that builds towns, but not its own processes, and return whether there was one."""
+    found = [one for one in psutil.Process().children() if "wrongturn_service.episodes.towns" in one.cmdline()]
+    if busy := [one for one in found if one.children()]:
+        busy[0].kill()
+    return bool(busy)
+
+
 async def test_a_draw_in_towns_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path))
     # So the towns of practice are the evaluation's, and are built once.
+    monkeypatch.setattr(draws, "_AFTER_FAILURE_S", 0.0)
     monkeypatch.setattr(evaluations, "secrets", SimpleNamespace(token_hex=lambda _: SUITE))
     async with application(tmp_path) as http:
         begun = expect(await http.post("/v1/evaluations", json={"suite": SUITE}), 201)
@@ -45,6 +55,8 @@ async def test_a_draw_in_towns_of_its_own(tmp_path: Path, monkeypatch: pytest.Mo
         # The service ends before the towns are there; nothing is lost.
     async with application(tmp_path, registration="operator") as again:
         again.headers["Authorization"] = http.headers["Authorization"]
+        problem(await again.post(resets), 503, "towns-not-built")
+        await until(kill_builder)
         first = expect(await once_built(again, "POST", resets), 201)
         assert "town" not in first
         service = again.app.state.service  # type: ignore[attr-defined]

@@ -26,6 +26,11 @@ _AGAIN_S: Final = 2
 """Seconds after which a call that needs the towns should come again."""
 _AFTER_FAILURE_S: Final = 30.0
 """Seconds between two attempts to build towns."""
+_WAITS_S: Final = 10.0
+"""Seconds for which a call that was sent again later counts as waiting."""
+_LONGEST_S: Final = 600.0
+"""Seconds after which a process that builds towns is ended."""
+_LOOK_S: Final = 0.5
 _COMMAND: Final = (sys.executable, "-m", "wrongturn_service.episodes.towns")
 _PASSED_ON: Final = ("NUMBA_CACHE_DIR", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 _Key = tuple[str, str]
@@ -38,10 +43,10 @@ class Draws:
     def __init__(self, home: Path) -> None:
         self._home = home
         self._made: OrderedDict[_Key, Draw] = OrderedDict()
-        self._making: dict[_Key, asyncio.Task[None]] = {}
+        self._wanted: dict[_Key, float] = {}
         self._failed: dict[_Key, tuple[float, str]] = {}
-        # Each uses all cores of the machine.
-        self._one = asyncio.Lock()
+        # One after the other, since each uses all cores of the machine.
+        self._builder: asyncio.Task[None] | None = None
         self._log = structlog.get_logger("towns")
 
     def get(self, suite: Suite, secret: str) -> Draw:
@@ -77,13 +82,12 @@ class Draws:
 
     async def stop(self) -> None:
         """End what is being built; what is finished stays."""
-        tasks = list(self._making.values())
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        if self._builder is not None:
+            self._builder.cancel()
+            await asyncio.wait([self._builder])
 
     def _not_yet(self, key: _Key) -> UnavailableError:
-        if key in self._failed:
+        if key in self._failed and key not in self._wanted:
             detail = f"the towns of this draw cannot be built: {self._failed[key][1]}; the operator's log says more"
             return UnavailableError(ProblemType.TOWNS_NOT_BUILT, detail, retry_after_s=int(_AFTER_FAILURE_S))
         return UnavailableError(
@@ -94,14 +98,25 @@ class Draws:
 
     def _begin(self, key: _Key) -> None:
         failed = self._failed.get(key)
-        if key not in self._making and (failed is None or time.monotonic() - failed[0] > _AFTER_FAILURE_S):
-            self._making[key] = asyncio.create_task(self._make(key))
+        if failed is not None and time.monotonic() - failed[0] <= _AFTER_FAILURE_S:
+            return
+        self._wanted[key] = time.monotonic()
+        if self._builder is None or self._builder.done():
+            self._builder = asyncio.create_task(self._build())
+
+    async def _build(self) -> None:
+        """Build what is wanted. First comes who still asks: an evaluation that nobody drives must not delay others."""
+        while self._wanted:
+            now = time.monotonic()
+            waiting = [key for key, asked in self._wanted.items() if now - asked < _WAITS_S]
+            key = next(iter(waiting or self._wanted))
+            await self._make(key)
+            del self._wanted[key]
 
     async def _make(self, key: _Key) -> None:
         began = time.monotonic()
         try:
-            async with self._one:
-                drawn = await self._run(key)
+            drawn = await self._run(key)
         except Exception as error:
             self._failed[key] = time.monotonic(), str(error)
             self._log.exception("towns not built", suite=key[0])
@@ -112,8 +127,6 @@ class Draws:
                 while len(self._made) > _KEPT:
                     self._made.popitem(last=False)
             self._log.info("towns built", suite=key[0], seconds=round(time.monotonic() - began, 1))
-        finally:
-            del self._making[key]
 
     async def _run(self, key: _Key) -> Draw | None:
         """Run the process that builds towns, and return the draw that it makes; None if only towns were asked for."""
@@ -125,13 +138,18 @@ class Draws:
             env={**child_environment(*_PASSED_ON), "WRONGTURN_HOME": str(self._home)},
             start_new_session=True,
         )
+        talk = asyncio.ensure_future(process.communicate(json.dumps(key).encode()))
         try:
-            said, complained = await process.communicate(json.dumps(key).encode())
-        except asyncio.CancelledError:
+            async with asyncio.timeout(_LONGEST_S):
+                while process.returncode is None:
+                    await asyncio.wait([talk], timeout=_LOOK_S)
+        except TimeoutError as error:
+            raise RuntimeError(f"that took more than {_LONGEST_S:.0f} s") from error
+        finally:
+            # Its own processes live on where somebody kills it, and hold its pipes.
             with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGTERM)
-            await process.wait()
-            raise
+                os.killpg(process.pid, signal.SIGKILL)
+            said, complained = await talk
         if process.returncode:
             raise RuntimeError(complained.decode(errors="replace").strip().rpartition("\n")[2] or "the process died")
         if not key[0]:

@@ -39,7 +39,7 @@ def main() -> int:
             told = {"trials": draw.trials, "twins": draw.twins}
             print(json.dumps({name: [trial.model_dump(mode="json") for trial in told[name]] for name in told}))
     except NetworkError as error:
-        print(error, file=sys.stderr)
+        print(*str(error).split(), file=sys.stderr)
         return 1
     return 0
 
