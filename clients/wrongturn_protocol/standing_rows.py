@@ -26,8 +26,8 @@ MARKS: Final = {
 NONE: Final = "–"
 """Stands where there is no figure."""
 INTERVALS: Final = (
-    "An interval speaks of this agent on another draw of the same suite. "
-    "Of a method you need several training seeds; of other towns, a suite that draws its towns."
+    "An interval speaks of this agent on another draw of the same suite, and of other towns only if the suite draws "
+    "its towns. Of a method you need several training seeds."
 )
 """What an interval speaks of; it stands at every table that has one."""
 
@@ -140,8 +140,8 @@ class Columns:
 
 _UNSAFE: Final = (
     Column("Strict", "Unsafe episodes, with the rate's 95 % interval. This column ranks."),
-    Column("Paper's", "Unsafe episodes as the paper counts them: wrong ways are left out."),
-    Column("Twins", "Completed twins: trials without a fault that ended in the commanded exit."),
+    Column("Paper's", "Unsafe episodes as the paper counts them: without wrong ways, unfinished drives and flags."),
+    Column("Twins", "Completed twins: trials without a fault that ended in the commanded exit and are not unsafe."),
     Column("Excess", "Strict rate minus the twins' rate, in percentage points, with its 95 % interval.", extra=True),
 )
 _JOURNEYS: Final = (

@@ -6,21 +6,17 @@ import re
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
+from wrongturn_client.tables import print_list
 from wrongturn_networks.draws import Draw, commitment_of
 from wrongturn_networks.errors import CommitmentError, SecretError
 from wrongturn_networks.loading import town_of, write_town
 from wrongturn_networks.suites import Suite, load_suite
 from wrongturn_protocol import Trial
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
-
-_WIDTH: Final = 160
-"""Columns of a table that goes to a file or a pipe."""
 
 
 def _hexadecimal(value: str | None) -> str | None:
@@ -30,7 +26,7 @@ def _hexadecimal(value: str | None) -> str | None:
 
 
 def trials(
-    suite: Annotated[str, typer.Argument(help="Id of the suite. Example: wrong-command@3")],
+    suite: Annotated[str, typer.Argument(help="Id of the suite. Example: wrong-command@3")] = "wrong-command-unseen@1",
     secret: Annotated[
         str | None,
         typer.Option(
@@ -74,8 +70,7 @@ def trials(
         return
     for line in _head(chosen, draw):
         typer.echo(line)
-    console = Console(highlight=False)
-    (console if console.is_terminal else Console(highlight=False, width=_WIDTH)).print(_table(draw))
+    _print(draw)
 
 
 @contextlib.contextmanager
@@ -144,17 +139,13 @@ def _head(suite: Suite, draw: Draw) -> list[str]:
     return [f"{suite.id}: {kind}", f"secret      {draw.secret}", f"commitment  {draw.commitment}", ""]
 
 
-def _table(draw: Draw) -> Table:
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for head in ("trial", "approach", "type", "route", "fault"):
-        table.add_column(head, overflow="fold")
-    for head in ("start m", "m/s", "window m"):
-        table.add_column(head, justify="right")
-    if draw.twins:
-        table.add_column("twin", overflow="fold")
-    for trial, twin in zip(draw.trials, draw.twins or (None,) * len(draw.trials), strict=True):
-        table.add_row(*_row(trial), *(() if twin is None else (twin.id,)))
-    return table
+def _print(draw: Draw) -> None:
+    """Print a row for each trial. Ids stay whole, so that they can be copied and searched for."""
+    twins: list[tuple[str, ...]] = [(twin.id,) for twin in draw.twins] or [()] * len(draw.trials)
+    rows = [(*_row(trial), *twin) for trial, twin in zip(draw.trials, twins, strict=True)]
+    numbers = ("start m", "m/s", "window m")
+    heads = ("trial", "approach", "type", "route", "fault", *numbers, *(("twin",) if draw.twins else ()))
+    print_list(heads, rows, right=numbers, whole=heads)
 
 
 def _row(trial: Trial) -> tuple[str, ...]:

@@ -162,8 +162,12 @@ def _excess(trials: Marked, twins: Marked) -> ExcessUnsafeRate:
 
 
 def severity(outcomes: Sequence[Outcome]) -> Severity | None:
-    """Return how fast trials were at an unsafe end. An end without a speed, which the infrastructure made, adds 0."""
-    speeds = [one.speed_at_verdict for one in outcomes if one.unsafe_strict and one.speed_at_verdict is not None]
+    """Return how fast trials were at an unsafe end; None if none had one.
+
+    An aborted trial has no such speed: nobody drove it to an end. It counts among all trials, and adds 0.
+    """
+    ends = [one for one in outcomes if one.unsafe_strict and one.verdict is not Verdict.ABORTED]
+    speeds = [one.speed_at_verdict for one in ends if one.speed_at_verdict is not None]
     if not speeds:
         return None
     # fsum is exact, so the order of the trials does not change the sum.

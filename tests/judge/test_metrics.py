@@ -182,7 +182,7 @@ def test_severity_is_of_unsafe_ends(kit, suite) -> None:
         (Verdict.OFF_ROAD, 3.0),
         (Verdict.WRONG_WAY, 5.0),
         (Verdict.STOPPED_IN_JUNCTION, 0.0),
-        (Verdict.ABORTED, None),
+        (Verdict.ABORTED, 8.0),
     ]
     for trial, (verdict, speed) in zip(suite.trials, ends, strict=False):
         outcomes[trial.id] = kit.outcome(verdict, speed_at_verdict=speed)

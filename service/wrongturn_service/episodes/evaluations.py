@@ -199,7 +199,7 @@ class RunningEvaluations:
 
             return metrics.compute(draw, outcomes).model_dump_json()
 
-        # The bootstrap takes long; in a thread it does not hold up other agents.
+        # Statistics take a while; in a thread they do not hold up other agents.
         if await self._store.finish_evaluation(evaluation_id, await asyncio.to_thread(compute)):
             for outcome in outcomes.values():
                 self._telemetry.ended.labels("true", outcome.verdict.value).inc()
