@@ -36,7 +36,7 @@ def check(report: Report, kills: int) -> None:
     assert set(report.gave_up) <= {"ServiceUnreachableError"}
 
 
-@pytest.mark.slow
+@pytest.mark.soak  # CI kills each part once, in tests/service/test_recovery.py and tests/agents/test_worker.py
 def test_a_few_kills_with_sqlite(tmp_path: Path) -> None:
     """Three kills have one of each kind."""
     check(run(File(tmp_path), tmp_path, moments(19, 3, NO_SERVER), FEW_SEATS, spare=0), 3)

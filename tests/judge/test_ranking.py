@@ -116,16 +116,6 @@ def test_staying_away_takes_the_rank(kit, suite, verdict) -> None:
     assert absent.why_not == "Ended 4 of 60 trials in timeout or not_engaged, at most 3 are allowed."
 
 
-def test_a_parked_car_is_told_both_reasons(kit, suite) -> None:
-    everywhere = dict.fromkeys(range(60), Verdict.NOT_ENGAGED)
-    (parked,) = rank([kit.row(suite, "parked", kit.outcomes_of(suite, everywhere, everywhere))])
-    assert parked.unsafe_strict.count == 0
-    assert parked.why_not == (
-        "Completed 0 of 60 twins, at least 54 are needed; "
-        "ended 60 of 60 trials in timeout or not_engaged, at most 3 are allowed."
-    )
-
-
 def test_the_limits_scale_with_the_suite(kit) -> None:
     assert [(least_completed(n), most_undecided(n)) for n in (60, 6, 20, 61, 1)] == [
         (54, 3),
