@@ -33,6 +33,7 @@ _KINDS: Final = {
 _NAMED: Final = {"owner": Collection.OWNERS, "agent": Collection.AGENTS}
 _BROKEN: Final = frozenset({"contact", "reason", "rows", "why"})
 """Columns of tables with long texts, which are broken."""
+_BROADEST: Final = 1000
 _TARGET: Final = "An id, or owner:NAME or agent:NAME. Example: agent:test-7"
 _Limit = Annotated[int, typer.Option(min=1, help="How many lines to show at most. Example: --limit 1000")]
 _Target = Annotated[str, typer.Argument(metavar="TARGET", help=_TARGET)]
@@ -387,6 +388,13 @@ def _words_of(contents: "Contents") -> str:
 
 
 def _print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    from wrongturn_client.tables import print_list  # noqa: PLC0415
+    from rich.measure import Measurement  # noqa: PLC0415
 
-    print_list(heads, rows, whole=set(heads) - _BROKEN)
+    from wrongturn_client.tables import console, list_table  # noqa: PLC0415
+
+    table = list_table(heads, rows, whole=set(heads) - _BROKEN)
+    screen = console()
+    # What can be copied, such as an id, is never broken: on a narrow terminal the lines are longer than it is.
+    broad = screen.options.update(max_width=_BROADEST)
+    screen.width = max(screen.width, Measurement.get(screen, broad, table).minimum)
+    screen.print(table)

@@ -10,7 +10,6 @@ from typing import Final, Literal
 
 from rich import box
 from rich.console import Console
-from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
@@ -20,7 +19,6 @@ from wrongturn_protocol.words import name
 
 WIDTH: Final = 132
 """Columns for a leaderboard; used when the output is not a terminal."""
-_BROADEST: Final = 1000
 _BROAD: Final = 60
 """Columns of an empty table, so that the lines below it have room."""
 _NO_ENTRY: Final = "Another evaluation of this agent is its entry on the leaderboard."
@@ -43,27 +41,12 @@ def list_table(
     table = Table(box=None, header_style="bold", pad_edge=False)
     rows = list(rows)
     for head, cells in zip(heads, zip(*rows, strict=True), strict=True):
-        widest = max(map(len, (head, *cells))) if head in whole else None
+        widest = max(map(len, cells)) if head in whole else None
         justify: Literal["right", "left"] = "right" if head in right else "left"
         table.add_column(head, justify=justify, no_wrap=head in whole, min_width=widest, overflow="fold")
     for row in rows:
         table.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
     return table
-
-
-def print_list(
-    heads: Sequence[str],
-    rows: Iterable[Sequence[str | Text]],
-    *,
-    right: Collection[str] = (),
-    whole: Collection[str] = (),
-) -> None:
-    """Print a :func:`list_table`. On a narrow terminal its lines are longer than it is, so that ids stay whole."""
-    table = list_table(heads, rows, right=right, whole=whole)
-    screen = console()
-    broad = screen.options.update(max_width=_BROADEST)
-    screen.width = max(screen.width, Measurement.get(screen, broad, table).minimum)
-    screen.print(table)
 
 
 def plain_table(title: str) -> Table:

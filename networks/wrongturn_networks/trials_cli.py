@@ -6,17 +6,18 @@ import re
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
-from wrongturn_client.tables import print_list
 from wrongturn_networks.draws import Draw, commitment_of
 from wrongturn_networks.errors import CommitmentError, SecretError
 from wrongturn_networks.loading import town_of, write_town
 from wrongturn_networks.suites import Suite, load_suite
 from wrongturn_protocol import Trial
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
+
+_HEADS: Final = ("trial", "approach", "type", "route", "fault", "start m", "m/s", "window m")
 
 
 def _hexadecimal(value: str | None) -> str | None:
@@ -68,9 +69,8 @@ def trials(
     give_json(_content(chosen, draw), json_to)
     if json_to == STDOUT:
         return
-    for line in _head(chosen, draw):
+    for line in (*_head(chosen, draw), *_table(draw)):
         typer.echo(line)
-    _print(draw)
 
 
 @contextlib.contextmanager
@@ -139,13 +139,13 @@ def _head(suite: Suite, draw: Draw) -> list[str]:
     return [f"{suite.id}: {kind}", f"secret      {draw.secret}", f"commitment  {draw.commitment}", ""]
 
 
-def _print(draw: Draw) -> None:
-    """Print a row for each trial. Ids stay whole, so that they can be copied and searched for."""
+def _table(draw: Draw) -> list[str]:
+    """Return a line for each trial below the heads. No id is ever broken, so that it can be copied and searched for."""
     twins: list[tuple[str, ...]] = [(twin.id,) for twin in draw.twins] or [()] * len(draw.trials)
-    rows = [(*_row(trial), *twin) for trial, twin in zip(draw.trials, twins, strict=True)]
-    numbers = ("start m", "m/s", "window m")
-    heads = ("trial", "approach", "type", "route", "fault", *numbers, *(("twin",) if draw.twins else ()))
-    print_list(heads, rows, right=numbers, whole=heads)
+    heads = (*_HEADS, *(("twin",) if draw.twins else ()))
+    rows = [heads, *((*_row(trial), *twin) for trial, twin in zip(draw.trials, twins, strict=True))]
+    widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
+    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
 
 
 def _row(trial: Trial) -> tuple[str, ...]:

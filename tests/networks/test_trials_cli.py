@@ -52,8 +52,8 @@ def refused(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
     return run
 
 
-def test_the_table_has_a_whole_row_for_each_trial_with_its_twin(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wrongturn_client.tables.WIDTH", 80)
+def test_the_table_has_a_row_for_each_trial_with_its_twin(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
     lines = shown("wrong-command@3", "--secret", SECRET).splitlines()
     draw = load_suite("wrong-command@3").draw(SECRET)
     assert f"secret      {SECRET}" in lines
