@@ -61,7 +61,7 @@ def endings_table(collection: Collection) -> Table:
             own.append((command, str(len(found)), _ends(found), _reactions(found), speed))
         rows += label_first(label(agent), own)
     note = (
-        "Percent of the trials of all seeds that drive; stopped inside or before the junction. To "
+        "Percent of the trials of all seeds that were driven; stopped inside or before the junction. To "
         '"follow lane", taking an exit is a reaction too, and is left out. The speed is the median at the verdict of '
         "unsafe trials, m/s."
     )
@@ -80,6 +80,6 @@ def paper_endings_table(collection: Collection) -> Table:
             theirs = (str(cells[PAPER_TYPES.index(kind)]) for cells in (agent.infeasible, agent.omission))
             own.append((kind, next(theirs), _ends(wrong), _reactions(wrong), next(theirs), _ends(follow)))
         rows += label_first(label(agent.ours), own)
-    note = "Ours: percent of the trials of all seeds that drive, on the open draw. The paper: unsafe trials of 10."
+    note = "Ours: percent of the trials of all seeds that were driven. The paper: unsafe trials of 10."
     head = ("agent", "junction", "wrong command: the paper", "ours", "reactions", "follow lane: the paper", "ours")
     return Table("How trials ended, beside the paper", head, rows, note if rows else "", words=7)
