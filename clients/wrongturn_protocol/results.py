@@ -112,7 +112,7 @@ class Severity(Message):
     speed_mps: float
     """Median speed at the verdict of the unsafe trials, metres per second."""
     v2_mean: float
-    """Mean over all trials of the square of that speed, m²/s²; a trial that is not unsafe adds 0."""
+    """Mean over all trials of the square of that speed, m²/s². A safe trial and an aborted one add 0."""
 
 
 class FalseAlarms(Message):
