@@ -76,21 +76,11 @@ def build_drawn(name: str) -> Path:
     folder = _folder(name)
     if is_built(name):
         return folder
-    from wrongturn_networks.loading import read_town  # noqa: PLC0415
-    from wrongturn_networks.making.checking import flaws  # noqa: PLC0415
-    from wrongturn_networks.making.drawing import drawn_recipes  # noqa: PLC0415
-    from wrongturn_networks.making.netconvert import build, version  # noqa: PLC0415
-
     try:
-        if version() != SUMO:
-            raise RuntimeError(f"netconvert is {version()}; pip install eclipse-sumo=={SUMO}")
         folder.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{name}-", dir=folder.parent) as scratch:
             made = Path(scratch) / name
-            for recipe in drawn_recipes(name):
-                build(recipe, made, generator=VERSION)
-                if not any(flaws(read_town(made))):
-                    break
+            make_town(name, made)
             try:
                 made.rename(folder)
             except OSError:
@@ -106,6 +96,24 @@ def build_drawn(name: str) -> Path:
             "folder that you can write to"
         ) from error
     return folder
+
+
+def make_town(name: str, folder: Path) -> None:
+    """Build the town that a name of any kind draws into a folder. Training has names that no secret gives.
+
+    Raises RuntimeError if netconvert is missing, of another version or fails, and OSError.
+    """
+    from wrongturn_networks.loading import read_town  # noqa: PLC0415
+    from wrongturn_networks.making.checking import flaws  # noqa: PLC0415
+    from wrongturn_networks.making.drawing import drawn_recipes  # noqa: PLC0415
+    from wrongturn_networks.making.netconvert import build, version  # noqa: PLC0415
+
+    if version() != SUMO:
+        raise RuntimeError(f"netconvert is {version()}; pip install eclipse-sumo=={SUMO}")
+    for recipe in drawn_recipes(name):
+        build(recipe, folder, generator=VERSION)
+        if not any(flaws(read_town(folder))):
+            return
 
 
 def load_drawn(name: str) -> "Town":

@@ -1,6 +1,7 @@
 """The trials that an environment in process draws, and checks of its other arguments."""
 
 import inspect
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
@@ -36,15 +37,21 @@ def a_flag(name: str, value: bool) -> bool:
     return bool(value)
 
 
-def picture_size(camera: "Camera | None") -> tuple[int, int]:
-    """Return rows and columns of a camera's pictures, by default the benchmark's. Raises OptionError."""
+def picture_size(camera: "Camera | Sequence[Camera] | None", count: int = 1) -> tuple[int, int]:
+    """Return rows and columns of the pictures of a camera, or of ``count`` alike; by default the benchmark's.
+
+    Raises OptionError.
+    """
     if camera is None:
         return IMAGE_SHAPE
     from wrongturn_sim.camera import Camera  # noqa: PLC0415 - slow, and most environments need none of their own
 
-    if not isinstance(camera, Camera):
+    cameras = camera if isinstance(camera, Sequence) else [camera]
+    if not all(isinstance(one, Camera) for one in cameras):
         raise OptionError(f"camera: is {camera!r}; give a wrongturn_sim.camera.Camera")
-    return camera.height, camera.width
+    if cameras is camera and (len(cameras) != count or len({(one.height, one.width) for one in cameras}) > 1):
+        raise OptionError(f"camera: there are {len(cameras)}; give one for all, or {count} with pictures of one size")
+    return cameras[0].height, cameras[0].width
 
 
 class TrialSource:

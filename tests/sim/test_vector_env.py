@@ -28,16 +28,20 @@ def same(observation, batch, i):
         assert array.tobytes() == batch[name][i].tobytes(), name
 
 
-def test_pictures_of_another_camera_and_size():
+def test_pictures_of_other_cameras_and_another_size():
     from wrongturn_sim.camera import Camera
 
-    envs = WrongturnVectorEnv(3, "junctions", "segmentation", camera=Camera(width=48, height=16), threads=2)
-    env = WrongturnSimEnv("junctions", "segmentation", camera=Camera(width=48, height=16))
-    assert envs.single_observation_space == env.observation_space
-    seen, _ = envs.reset(seed=4)
-    assert seen in envs.observation_space
-    for i in range(3):
-        same(env.reset(seed=4 + i)[0], seen, i)
+    cameras = [Camera(width=48, height=16, pitch=0.1 * i) for i in range(3)]
+    for given in (cameras[0], cameras):
+        envs = WrongturnVectorEnv(3, "junctions", "segmentation", camera=given, threads=2)
+        seen, _ = envs.reset(seed=4)
+        assert seen in envs.observation_space
+        for i in range(3):
+            env = WrongturnSimEnv("junctions", "segmentation", camera=given[i] if given is cameras else given)
+            assert envs.single_observation_space == env.observation_space
+            same(env.reset(seed=4 + i)[0], seen, i)
+    with pytest.raises(ValueError, match="camera: there are 3; give one for all, or 2"):
+        WrongturnVectorEnv(2, "junctions", "segmentation", camera=cameras)
 
 
 def test_trials_of_a_draw_with_their_own_windows(drive, same_in_a_batch):

@@ -1,4 +1,4 @@
-"""Where an agent learns: Town01, Town01 with drawn scenery, and generated towns, all from seeds that no draw gives."""
+"""Where an agent learns: Town01, Town01 with drawn scenery, and towns of names that no draw gives; and how it sees."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -8,20 +8,22 @@ from typing import Any, Final
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnvWrapper
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from wrongturn_agents.training.cars import DrivingVecEnv, Observations, training_cars
+from wrongturn_agents.training.disturbances import DisturbedCars
 from wrongturn_agents.training.drives_config import DrivesConfig, WorldConfig
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_networks import Town, load_town, read_town
+from wrongturn_networks.drawn import make_town
 from wrongturn_protocol.home import home
 from wrongturn_sim import FleetTraffic
 from wrongturn_sim.camera import Camera
 
 TRAINING_TOWN: Final = "Town01"
 HELD_OUT: Final = range(1000, 1004)
-"""Seeds of the generated towns in which agents are examined. None of them is learned from."""
+"""Numbers of the towns in which agents are examined. None of them is learned from."""
 MEETING: Final = FleetTraffic(crossers=0.5, waiters=0.5)
 """Traffic of held-out journeys, if the agent learns in drawn towns: an agent has to give way and to wait often."""
 _JOURNEY_TOWNS: Final = 2
@@ -29,17 +31,14 @@ _PITCH, _UP, _FOCAL = 0.05, 0.2, 0.08
 """Greatest change of a camera's pitch, radians; height, metres; and focal length, as a share."""
 
 
-def towns_of(seeds: Iterable[int]) -> list[Town]:
-    """Return generated towns from the folder of towns, building those that are missing."""
-    from wrongturn_networks.making.generated import generated_recipe  # noqa: PLC0415 - only training needs it
-    from wrongturn_networks.making.netconvert import build  # noqa: PLC0415
-
+def towns_of(numbers: Iterable[int]) -> list[Town]:
+    """Return towns like those that secrets make, from the folder of towns. Those that are missing are built."""
     towns = []
-    for seed in seeds:
-        folder = home() / "towns" / f"generated-{seed}"
+    for number in numbers:
+        folder = home() / "towns" / f"training-{number}"
         if not (folder / "manifest.json").is_file():
             try:
-                build(generated_recipe(seed), folder)
+                make_town(folder.name, folder)
             except (RuntimeError, OSError) as error:
                 raise TrainingError(f"towns: {folder} cannot be built: {error}") from error
         towns.append(read_town(folder))
@@ -47,15 +46,33 @@ def towns_of(seeds: Iterable[int]) -> list[Town]:
 
 
 def held_out_towns(settings: Any) -> list[Town]:
-    """Return the generated towns of held-out journeys; none for an agent that learns in Town01 alone."""
+    """Return the drawn towns of held-out journeys; none for an agent that learns in Town01 alone."""
     return towns_of(HELD_OUT[:_JOURNEY_TOWNS]) if getattr(settings, "towns", 0) else []
 
 
-def cars_of(settings: DrivesConfig, device: torch.device | str, **options: Any) -> "DrivingVecEnv | CarsInTowns":
-    """Return :func:`training_cars` in the towns of the settings; those of Town01 alone if these name no others."""
-    if not isinstance(settings, WorldConfig) or not settings.towns + settings.sceneries:
+def cars_of(settings: DrivesConfig, device: torch.device | str, **options: Any) -> VecEnv:
+    """Return :func:`training_cars` in the towns and with the disturbances of the settings.
+
+    They drive in Town01 alone if the settings name no others.
+    """
+    if not isinstance(settings, WorldConfig):
         return training_cars(None, device, settings=settings, **options)
-    return CarsInTowns(settings, device, **options)
+    if settings.towns + settings.sceneries:
+        cars: VecEnv = CarsInTowns(settings, device, **options)
+    else:
+        mounts = mounts_of(settings.num_envs) if settings.cameras else None
+        cars = training_cars(None, device, settings=settings, camera=mounts, **options)
+    disturbed = settings.noise or settings.delay or settings.steering
+    return DisturbedCars(cars, settings, options.get("seed")) if disturbed else cars
+
+
+def mounts_of(count: int, *stream: int) -> list[Camera]:
+    """Return cameras with other pitches, heights and focal lengths than the benchmark's, from seeds of no draw."""
+    usual, drawn = Camera(), np.random.default_rng([2**53, *stream]).uniform(-1.0, 1.0, (count, 3)).tolist()
+    return [
+        Camera(pitch=_PITCH * pitch, up=usual.up + _UP * up, focal=usual.focal * (1.0 + _FOCAL * focal))
+        for pitch, up, focal in drawn
+    ]
 
 
 class CarsInTowns(VecEnvWrapper):
@@ -161,12 +178,8 @@ def _cars(
     share = min(1.0, _metres(town) / _metres(load_town(TRAINING_TOWN)))
     here = replace(settings, vehicles=round(settings.vehicles * share), pedestrians=round(settings.pedestrians * share))
     more = dict(options)
-    if settings.cameras and place:
-        pitch, up, focal = np.random.default_rng([2**53, place]).uniform(-1.0, 1.0, 3).tolist()
-        usual = Camera()
-        more["camera"] = Camera(
-            pitch=_PITCH * pitch, up=usual.up + _UP * up, focal=usual.focal * (1.0 + _FOCAL * focal)
-        )
+    if settings.cameras:
+        more["camera"] = mounts_of(count, place)
     drawn = None if seed is None else int(np.random.SeedSequence([seed, place]).generate_state(1)[0])
     return training_cars(count, device, settings=here, town=town, seed=drawn, **more)
 

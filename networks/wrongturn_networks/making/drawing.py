@@ -13,7 +13,7 @@ from shapely import LineString, STRtree
 from shapely import Point as Place
 from shapely.ops import substring
 
-from wrongturn_networks.making.generated import Layout, Node, drawn_layout, lines
+from wrongturn_networks.making.layouts import Layout, Node, drawn_layout, lines
 from wrongturn_networks.making.plain_xml import SIDEWALK_WIDTH, centreline_of
 from wrongturn_networks.making.recipes import Point, Recipe, Street
 

@@ -39,7 +39,8 @@ class WrongturnVectorEnv(TrialVectorEnv):
         num_envs: number of environments.
         town: town in which trials are drawn, by name or, for one that is not installed, as read; ``Town01`` by default.
         track: decides what observations show.
-        camera: place and optics of the camera, in the tracks that have one; the benchmark's by default.
+        camera: place and optics of the camera, in the tracks that have one; the benchmark's by default. A list has that
+            of each environment.
         threads: number of threads that share a step's work; the bytes do not depend on it.
         backend: where pictures are rendered: ``cpu``, or ``cuda`` for an NVIDIA GPU. On a GPU they stay there:
             ``torch.as_tensor(observation["rgb"], device="cuda")`` shares their memory, and pictures in ``final_obs``
@@ -72,7 +73,7 @@ class WrongturnVectorEnv(TrialVectorEnv):
         town: str | Town | None = None,
         track: Track | str = Track.STATE,
         *,
-        camera: "Camera | None" = None,
+        camera: "Camera | Sequence[Camera] | None" = None,
         threads: int = 1,
         backend: str = "cpu",
         strict: bool = False,
@@ -96,7 +97,7 @@ class WrongturnVectorEnv(TrialVectorEnv):
             raise OptionError(f"backend: is {backend!r}; give cpu or cuda")
         place = town if isinstance(town, Town) else None
         trials = TrialOptions.of(town.name if isinstance(town, Town) else town, track, **options)
-        self._prepare(num_envs, trials.track, autoreset_mode, render_mode, picture_size(camera))
+        self._prepare(num_envs, trials.track, autoreset_mode, render_mode, picture_size(camera, num_envs))
         if render_mode is not None and not record:
             raise OptionError("render_mode: pictures are drawn from the record; leave render_mode or record=False out")
         if trials.traffic != Traffic() and own_traffic is None:

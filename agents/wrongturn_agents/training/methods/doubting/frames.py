@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from wrongturn_agents.models.doubt import Doubt
+from wrongturn_agents.training.disturbances import noisy
 from wrongturn_agents.training.methods.places import Places, draw_places
 from wrongturn_networks import Town
 from wrongturn_protocol import TRAINING_WEATHERS
@@ -38,11 +39,20 @@ class FrameSource:
     """Draws places and renders them, in the training weathers equally often.
 
     A share of the chunks shows the first town; the others are shared equally. On CUDA the pictures are rendered on the
-    device of the minibatches.
+    device of the minibatches. ``cameras`` are those of a chunk's pictures, the benchmark's by default, and ``noise`` is
+    the greatest standard deviation of a picture's noise.
     """
 
     def __init__(
-        self, towns: Sequence[Town], seed: int, *, first_share: float, device: torch.device, threads: int
+        self,
+        towns: Sequence[Town],
+        seed: int,
+        *,
+        first_share: float,
+        device: torch.device,
+        threads: int,
+        cameras: Sequence[Camera] = (),
+        noise: float = 0.0,
     ) -> None:
         self._towns = tuple(towns)
         self._random = np.random.default_rng(seed)
@@ -50,7 +60,8 @@ class FrameSource:
         self._shares = np.array([first_share if others else 1.0, *[(1 - first_share) / max(others, 1)] * others])
         self._looks = np.array([look_of(weather) for weather in TRAINING_WEATHERS])
         self._device, self._threads = device, threads
-        self._camera = Camera()
+        self._cameras = list(cameras) or [Camera()] * CHUNK
+        self._noise = noise
         self._renderers: dict[str, Any] = {}
 
     def draw(self, count: int) -> Frames:
@@ -63,6 +74,9 @@ class FrameSource:
             return torch.from_numpy(np.concatenate(arrays).astype(np.float32)).to(self._device)
 
         observation = {key: torch.cat([seen[key] for seen in pictures]) for key in ("rgb", "segmentation")}
+        if self._noise:
+            strengths = self._random.uniform(0.0, self._noise, len(observation["rgb"]))
+            observation["rgb"] = noisy(observation["rgb"], torch.from_numpy(strengths))
         return Frames(observation, truth("distance"), truth("exits"), truth("shown"))
 
     def _chunk(self, town: Town) -> tuple[Places, dict[str, Tensor]]:
@@ -75,17 +89,24 @@ class FrameSource:
             renderer.render(self._looks, seeds, places.poses, ticks, kinds=kinds)
             shown = {"rgb": renderer.rgb, "segmentation": renderer.segmentation}
             return places, {name: torch.as_tensor(one, device=self._device).clone() for name, one in shown.items()}
-        shape = CHUNK, self._camera.height, self._camera.width
+        shape = CHUNK, self._cameras[0].height, self._cameras[0].width
         rgb, segmentation = np.empty((*shape, 3), np.uint8), np.empty(shape, np.uint8)
         looks, world = self._looks[kinds], World.of(town)
-        render_batch(world, self._camera, looks, seeds, places.poses, ticks, rgb, segmentation, threads=self._threads)
+        for camera in dict.fromkeys(self._cameras):
+            rows = np.array([i for i in range(CHUNK) if self._cameras[i] == camera])
+            seen, classes = np.empty((len(rows), *shape[1:], 3), np.uint8), np.empty((len(rows), *shape[1:]), np.uint8)
+            render_batch(
+                world, camera, looks[rows], seeds[rows], places.poses[rows], ticks[rows], seen, classes,
+                threads=self._threads,
+            )  # fmt: skip
+            rgb[rows], segmentation[rows] = seen, classes
         return places, {"rgb": torch.from_numpy(rgb), "segmentation": torch.from_numpy(segmentation)}
 
     def _renderer(self, town: Town) -> Any:
         if town.name not in self._renderers:
             from wrongturn_sim.camera.cuda import CudaRenderer  # noqa: PLC0415 - only needed with a GPU
 
-            self._renderers[town.name] = CudaRenderer(World.of(town), self._camera, CHUNK)
+            self._renderers[town.name] = CudaRenderer(World.of(town), self._cameras, CHUNK)
         return self._renderers[town.name]
 
 

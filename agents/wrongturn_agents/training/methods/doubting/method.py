@@ -10,10 +10,10 @@ from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
 from wrongturn_agents.training.method import Loaded, Method, TrainedAgent
 from wrongturn_agents.training.methods.averaging import AveragedLearner
 from wrongturn_agents.training.methods.doubting.config import DoubtingConfig, DoubtingSegmentationConfig
-from wrongturn_agents.training.methods.doubting.frames import FrameSource, examine
+from wrongturn_agents.training.methods.doubting.frames import CHUNK, FrameSource, examine
 from wrongturn_agents.training.run import Run
 from wrongturn_agents.training.run_directory import BEST
-from wrongturn_agents.training.world import HELD_OUT, TRAINING_TOWN, towns_of
+from wrongturn_agents.training.world import HELD_OUT, TRAINING_TOWN, mounts_of, towns_of
 from wrongturn_networks import load_town
 from wrongturn_protocol import Track
 
@@ -47,7 +47,10 @@ class DoubtingMethod(Method):
         if run.state is not None:
             learner.restore(run)
         drawn = run.seed if learner.seen == 0 else run.stream(learner.seen)
-        source = FrameSource(towns, drawn, first_share=config.first_share, device=run.device, threads=run.threads)
+        source = FrameSource(
+            towns, drawn, first_share=config.first_share, device=run.device, threads=run.threads,
+            cameras=mounts_of(CHUNK) if config.cameras else (), noise=config.noise,
+        )  # fmt: skip
         source.draw(1)  # compiles what renders, before the clock of the learning begins
         run.open(learner.seen)
         shown = run.budget.used

@@ -1,23 +1,13 @@
-"""Recipes of generated towns: a grid of streets, some of which are missing, drawn from a seed."""
+"""Layouts of drawn towns: a grid of streets, some of which are missing."""
 
 import random
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import Final, NamedTuple
 
 import networkx as nx
 
-from wrongturn_networks.making.recipes import Point, Recipe, Street
-
-COLUMNS: Final = (3, 4, 5)
-ROWS: Final = (3, 4)
-"""Numbers of streets from south to north, and from west to east."""
-SPACING: Final = (48.0, 100.0)
-"""Least and greatest distance between neighbouring streets, metres."""
 MISSING: Final = (0.1, 0.35)
 """Least and greatest share of the grid's pieces of street that are left out."""
-_BEND_RADII: Final = (8.0, 14.0)
-_TRIES: Final = 1000
 
 Node = tuple[int, int]
 """A place of the grid: column and row."""
@@ -30,38 +20,6 @@ class Layout(NamedTuple):
     """Names of the junctions."""
     chains: list[list[Node]]
     """Places of each street, from one junction to the next."""
-
-
-def generated_recipe(seed: int) -> Recipe:
-    """Return the recipe of a town that is drawn from a seed; equal seeds give equal towns.
-
-    The town is a grid with streets left out, so that its junctions have three or four arms. Places where two streets
-    meet become bends or straight streets, and there are no dead ends. Its name is ``generated-`` and the seed. Raises
-    ValueError if that is negative.
-    """
-    if seed < 0:
-        raise ValueError(f"seed: is {seed}; give a whole number from 0 on")
-    draw = random.Random(f"town {seed}")
-    for _ in range(_TRIES):
-        drawn = _drawn(draw, f"generated-{seed}", seed)
-        if drawn is not None:
-            return drawn
-    raise RuntimeError(f"seed: none of {_TRIES} layouts of seed {seed} makes a town; take another seed")
-
-
-def _drawn(draw: random.Random, name: str, seed: int) -> Recipe | None:
-    """Return a town; None if the layout that was drawn makes none."""
-    columns, rows = draw.choice(COLUMNS), draw.choice(ROWS)
-    xs, ys = lines(draw, columns, SPACING), lines(draw, rows, SPACING)
-    layout = drawn_layout(draw, columns, rows)
-    if layout is None:
-        return None
-    names, chains = layout
-    streets = [
-        Street(names[chain[0]], names[chain[-1]], tuple((xs[i], ys[j]) for i, j in _corners(chain))) for chain in chains
-    ]
-    nodes: dict[str, Point] = {label: (xs[i], ys[j]) for (i, j), label in names.items()}
-    return Recipe(name, nodes, tuple(streets), seed, bend_radius=round(draw.uniform(*_BEND_RADII), 2))
 
 
 def drawn_layout(draw: random.Random, columns: int, rows: int) -> Layout | None:
@@ -101,9 +59,3 @@ def _chains(grid: "nx.Graph[Node]", names: dict[Node, str]) -> Iterator[list[Nod
             # Each street is found from both of its ends.
             if chain <= chain[::-1]:
                 yield chain
-
-
-def _corners(chain: list[Node]) -> list[Node]:
-    """Return the nodes at which a street turns."""
-    along = [(before[0] == after[0]) for before, after in pairwise(chain)]
-    return [node for node, (into, out) in zip(chain[1:], pairwise(along), strict=False) if into != out]
