@@ -26,7 +26,7 @@ wheels:
 docs: setup
     NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict
 
-# Run the benchmark with the baselines. Example: just demo --suite smoke@2
+# Run the benchmark with the baselines. Example: just demo --suite smoke@3
 demo *arguments:
     script/demo {{ arguments }}
 

@@ -1,6 +1,6 @@
 """How long `careful` takes for a suite over HTTP on this machine, and where the time goes.
 
-    .venv/bin/python benchmarks/careful_http.py [--suite wrong-command@2] [--url URL] [--json FILE]
+    .venv/bin/python benchmarks/careful_http.py [--suite wrong-command@3] [--url URL] [--json FILE]
 
 Starts a service of its own with a fresh SQLite database, unless --url names one. Prints the wall time split into the
 agent's own thinking, the calls that step, the calls that reset, and the rest; then the same trials in process, so that
@@ -131,10 +131,10 @@ def show(http: dict[str, Any], inside: dict[str, float]) -> None:
 
 def main() -> None:
     options_of = parser(__doc__)
-    options_of.add_argument("--suite", default="wrong-command@2")
+    options_of.add_argument("--suite", default="wrong-command@3")
     options_of.add_argument("--url", help="of a service that runs already")
     options = options_of.parse_args()
-    suite = "smoke@2" if options.short else options.suite
+    suite = "smoke@3" if options.short else options.suite
     with ExitStack() as stack:
         url = options.url
         if url is None:

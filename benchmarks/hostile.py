@@ -181,7 +181,7 @@ def running(folder: Path, *, short: bool) -> Iterator[RunningService]:
 def finished(url: str, token: str) -> dict[str, str]:
     """Drive the smallest evaluation to its end; return what the addresses need."""
     with httpx.Client(base_url=url, headers={"Authorization": f"Bearer {token}"}, timeout=600) as agent:
-        evaluation = expect(agent.post("/v1/evaluations", json={"suite": "wrong-command@2"}), 201)["id"]
+        evaluation = expect(agent.post("/v1/evaluations", json={"suite": "wrong-command@3"}), 201)["id"]
         episode = expect(agent.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
         for seq in range(1, 30):
             reply = expect(agent.post(f"/v1/episodes/{episode}/step", json={"seq": seq, "action": _STEP}), 200)

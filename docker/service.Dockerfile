@@ -18,15 +18,20 @@ ENV PYTHONUNBUFFERED=1 \
 WORKDIR /opt/wrongturn
 
 # Install the dependencies before the sources, so that a change of code does not install them again. Delete the tests
-# that some packages contain: they would be an eighth of the image.
+# that some packages contain: they would be an eighth of the image. Of SUMO's programs keep netconvert, which builds
+# towns; it has the same libraries as libsumo.
 COPY LICENSE constraints.txt docker/requirements.py ./
 COPY clients/pyproject.toml clients/
 COPY networks/pyproject.toml networks/
 COPY service/pyproject.toml service/
 RUN python requirements.py clients networks service[server] > requirements.txt \
     && pip install -c constraints.txt -r requirements.txt \
-    && find "$(python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" \
-        -type d -name tests -prune -exec rm -rf {} +
+    && cd "$(python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" \
+    && find . -type d -name tests -prune -exec rm -rf {} + \
+    && find sumo/bin -type f ! -name netconvert -delete \
+    && rm -rf sumo/data sumo/lib64 sumo/tools sumo_data eclipse_sumo.libs \
+    && ln -s libsumo.libs eclipse_sumo.libs \
+    && sumo/bin/netconvert --version
 
 COPY clients clients
 COPY networks networks

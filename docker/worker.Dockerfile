@@ -31,7 +31,7 @@ RUN useradd --system --uid 10001 --home-dir /var/lib/wrongturn --shell /usr/sbin
         install -d -o wrongturn -g wrongturn -m 0750 "/agents/$agent"; \
     done
 ENV WRONGTURN_HOME=/var/lib/wrongturn \
-    WRONGTURN_SUITE=wrong-command@2
+    WRONGTURN_SUITE=wrong-command@3
 USER wrongturn
 WORKDIR /var/lib/wrongturn
 VOLUME /var/lib/wrongturn

@@ -17,7 +17,7 @@ from lab import doubting
 from lab.curves import LAB, Curve, read_curves
 from lab.stored_results import Collection
 from lab.studies import read_evaluations
-from lab.tables import count_success, count_unsafe, counts_by_seed, spread, with_interval
+from lab.tables import count_success, count_unsafe, counts_by_seed, marked, spread, with_interval
 from wrongturn_agents.errors import ModelFileError
 from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS, WEIGHTS, ShippedAgent, trained_with
@@ -291,14 +291,14 @@ def _training(said: Mapping[str, str], curve: Curve | None, facts: Facts, words:
 
 
 def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
-    """Return what is stored of the shipped weights, with Wilson's intervals, and of the algorithm over its seeds."""
+    """Return what is stored of the shipped weights, with intervals, and of the algorithm over its seeds."""
     parts = []
     wrong, journeys = (collection.of_shipped(suite, agent.name) for suite in (WRONG_COMMAND, NAVIGATION))
     if wrong is not None:
         counts = count_unsafe(wrong)
-        strict = with_interval(counts.unsafe_strict, counts.trials)
+        strict = marked(counts.marks["strict"])
         text = f"`{WRONG_COMMAND}`, {wrong.driven}: {strict} of {counts.trials} trials unsafe in the strict column, "
-        text += f"{counts.unsafe} in the paper's; {with_interval(counts.completed, counts.twins)} of {counts.twins} "
+        text += f"{counts.unsafe} in the paper's; {marked(counts.marks['completed'])} of {counts.twins} "
         text += "fault-free twins completed."
         by_seed = [found for seed, found in counts_by_seed(collection, agent.name).items() if seed is not None]
         seeds = [found.unsafe_strict for found in by_seed if found.drives]
@@ -326,7 +326,7 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
         ]
         head = f"| `{NAVIGATION}` | driven | condition | arrived | without infraction | of |"
         parts.append("\n".join([head, "|---|---|---|---|---|---|", *rows]))
-    return [*parts, "Brackets hold Wilson's 95 % interval of the rate."] if parts else ["No results are stored yet."]
+    return [*parts, "Brackets hold the 95 % interval of the rate."] if parts else ["No results are stored yet."]
 
 
 def _draws(agent: ShippedAgent, seed: int) -> str:
@@ -348,7 +348,7 @@ def _draws(agent: ShippedAgent, seed: int) -> str:
             sum(one[name] for one in own) for name in ("unsafe_strict", "trials", "twins_completed", "twins")
         )
         lines.append(f"| {place} | {len(own)} | {unsafe} of {trials} | {done} of {twins} |")
-    head = "| draws of `wrong-command@2`'s cells | draws | unsafe, strict | twins completed |"
+    head = "| draws of `wrong-command@3`'s cells | draws | unsafe, strict | twins completed |"
     return "\n".join([head, "|---|---:|---:|---:|", *lines]) if lines else "No results are stored yet."
 
 

@@ -51,7 +51,7 @@ def _options(arguments: Sequence[str] | None) -> tuple[list[str], str]:
     parser = argparse.ArgumentParser(
         prog="script/demo",
         description="Drive the baseline agents through a suite, each over HTTP, and rank them. "
-        "Example: script/demo --agents careful,parked --suite smoke@2",
+        "Example: script/demo --agents careful,parked --suite smoke@3",
     )
     parser.add_argument("--agents", default=",".join(AGENTS), metavar="A,B", help="agents (default: %(default)s)")
     parser.add_argument("--suite", default=WRONG_COMMAND, help="suite of trials (default: %(default)s)")

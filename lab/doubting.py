@@ -37,7 +37,7 @@ from wrongturn_agents.training.method import find_method, load
 from wrongturn_agents.training.methods.doubting.exporting import write_doubting
 from wrongturn_networks import NetworkError, load_suite
 from wrongturn_networks.draws import Draw, draw_cells
-from wrongturn_protocol import Trial, Verdict, Weather
+from wrongturn_protocol import Trial, Weather
 
 FIGURES: Final = STUDIES / "doubting.json"
 """Figures of the page, a dictionary for each draw."""
@@ -148,7 +148,7 @@ def summary(driven: Sequence[DrivenEpisode]) -> Figures:
     faulted = [(trial, result) for trial, result in found if not trial.is_twin]
     twins = [(trial, result) for trial, result in found if trial.is_twin]
     unsafe = [(trial, result) for trial, result in faulted if result.unsafe_strict]
-    lost = [(trial, result) for trial, result in twins if result.verdict is not Verdict.EXIT_COMMANDED]
+    lost = [(trial, result) for trial, result in twins if not result.completed]
     reactions = Counter(f"{trial.fault.kind} {result.reaction}" for trial, result in faulted if result.reaction)
     return {
         "unsafe_strict": len(unsafe),

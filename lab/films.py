@@ -29,7 +29,7 @@ from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.stored_results import STORED
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_client.episode_calls import action_of
-from wrongturn_networks import load_suite, load_town
+from wrongturn_networks import load_suite, town_of
 from wrongturn_protocol import Condition, FaultKind, JunctionType, Outcome, Task, Trial, Verdict, View
 from wrongturn_protocol.episodes import twin_id
 from wrongturn_protocol.observations import observation_space
@@ -85,15 +85,17 @@ class Way(NamedTuple):
     junction_type: str
     fault: str
     ending: str
-    """``exit``, ``opposed_lane`` for an exit that counts as unsafe in the strict column, or the verdict."""
+    """``exit``, or the verdict; the first flag, where flags alone make a trial unsafe in the strict column."""
     reaction: str | None
 
     @classmethod
     def of(cls, trial: Trial, result: TrialResult) -> "Way":
         """Return the way in which a trial ended."""
-        opposed = result.unsafe_strict and not result.verdict.unsafe_strict
-        ending = "opposed_lane" if opposed else "exit" if result.verdict.exited else str(result.verdict)
-        return cls(str(trial.junction_type), str(trial.fault.kind), ending, result.reaction and str(result.reaction))
+        flagged = result.unsafe_strict and not result.verdict.unsafe_strict
+        ending = result.flags[0] if flagged else "exit" if result.verdict.exited else result.verdict
+        return cls(
+            str(trial.junction_type), str(trial.fault.kind), str(ending), result.reaction and str(result.reaction)
+        )
 
     @property
     def cell(self) -> tuple[str, str]:
@@ -158,7 +160,7 @@ def check_films(collection: Collection) -> None:
     """Raise OutdatedPageError if a film is not of the stored results and the shipped weights."""
     study = read(_STUDY)
     remedy = "make them with 'python -m lab.films', and write docs/failures.md anew"
-    for agent in learned_agents():
+    for agent in (name for name in learned_agents() if collection.of_shipped(WRONG_COMMAND, name)):
         why = outdated(study[agent], agent, Ended.of(agent, collection)) if agent in study else "are missing"
         if why is not None:
             raise OutdatedPageError(f"films of {agent}: {why}; {remedy}")
@@ -175,7 +177,7 @@ def ways_table() -> Table:
     """Return a row for each way in which the agents' unsafe trials end, with medians and ranges, and the film."""
     rows: list[Row] = []
     study = read(_STUDY)
-    for agent in learned_agents():
+    for agent in (name for name in learned_agents() if name in study):
         each = []
         for one in study[agent]["ways"]:
             if not one["film"]:  # an agent without unsafe trials, where others seldom fail
@@ -211,7 +213,7 @@ def collisions_table() -> Table:
     """Return how each agent's journeys beside traffic ended, and what it hit."""
     rows: list[Row] = []
     study = read(_STUDY)
-    for agent in learned_agents():
+    for agent in (name for name in learned_agents() if name in study):
         journeys = study[agent]["journeys"] or ()
         hits = [one for one in journeys if one["contact"] is not None]
         said = [
@@ -238,7 +240,8 @@ def _spread(values: Iterable[float | None]) -> str:
 def make(agents: Sequence[str]) -> None:
     """Drive, measure and film the agents that are outdated, and remove films that nothing shows any more."""
     study, collection = read(_STUDY), Collection.read(STORED)
-    everyone = {name: Ended.of(name, collection) for name in learned_agents()}
+    driven = (name for name in learned_agents() if collection.of_shipped(WRONG_COMMAND, name))
+    everyone = {name: Ended.of(name, collection) for name in driven}
     cells = Counter(way.cell for ended in everyone.values() for way, names in ended.unsafe.items() for _ in names)
     for name in agents or everyone:
         if name in study and outdated(study[name], name, everyone[name]) is None:
@@ -327,7 +330,7 @@ def _outcome(driven: DrivenEpisode) -> Outcome:
 
 
 def _geometry(trajectory: Trajectory) -> JudgeGeometry:
-    return JudgeGeometry.of(load_town(trajectory.trial.town), trajectory.trial)
+    return JudgeGeometry.of(town_of(trajectory.trial), trajectory.trial)
 
 
 def measure(driven: DrivenEpisode) -> dict[str, float | None]:
@@ -422,7 +425,7 @@ def _drive_journey(name: str, trial: Trial) -> DrivenEpisode:
 def contact_of(trajectory: Trajectory) -> dict[str, Any]:
     """Return what a trajectory that ended in a collision shows of it and of the seconds before."""
     rows, end = trajectory.rows, trajectory.rows[-1]
-    town = load_town(trajectory.trial.town)
+    town = town_of(trajectory.trial)
     late = [row for row in rows if row.t > end.t - _BEFORE_S]
     car = Polygon(box(end.x, end.y, end.yaw, VEHICLE.length, VEHICLE.width))
     gaps = [car.distance(Polygon(box(*user[:5]))) for user in end.road_users]

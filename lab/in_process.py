@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from wrongturn_agents.agent import Agent
 from wrongturn_agents.registry import AgentSource
 from wrongturn_client.episode_calls import action_of
+from wrongturn_networks import Town, load_town
 from wrongturn_protocol import Outcome, Trial
 from wrongturn_protocol.observations import Observation
 from wrongturn_sim import FleetTraffic, Trajectory, WrongturnVectorEnv
@@ -54,8 +54,11 @@ def drive_in_process(
     finished = 0
     progress(finished, len(trials))
     with ThreadPoolExecutor(threads) as pool:
-        for town, group in groupby(sorted(trials, key=lambda trial: trial.town), key=lambda trial: trial.town):
-            for episode in _in_town(source, town, list(group), drive_on, enough, threads, pool):
+        by_town: dict[tuple[str, int | None], list[Trial]] = {}
+        for trial in trials:
+            by_town.setdefault((trial.town, trial.scenery), []).append(trial)
+        for place, group in by_town.items():
+            for episode in _in_town(source, load_town(*place), group, drive_on, enough, threads, pool):
                 finished += 1
                 progress(finished, len(trials))
                 yield episode
@@ -63,7 +66,7 @@ def drive_in_process(
 
 def _in_town(
     source: AgentSource,
-    town: str,
+    town: Town,
     waiting: list[Trial],
     drive_on: float | None,
     enough: Callable[[Trajectory], bool] | None,

@@ -1,4 +1,6 @@
-"""Exploit ``map-matcher``: finds its start by the first picture, and from then on drives a simulation of its own.
+"""Exploits ``map-matcher``, ``skyline`` and ``roadline``: they find their start by the first picture.
+
+From then on they drive a simulation of their own.
 
 The town, the renderer and the car are public. So an agent of the camera track can render pictures from everywhere,
 compare them with the one that it gets, and then compute where it is at every step, to a fraction of a millimetre. It
@@ -14,7 +16,7 @@ from numpy.typing import NDArray
 
 from wrongturn_agents.baselines import Careful
 from wrongturn_networks import load_town
-from wrongturn_protocol import Action, Fault, FaultKind, JunctionType, Start, Track, Trial
+from wrongturn_protocol import Action, Fault, FaultKind, JunctionType, SegmentationClass, Start, Track, Trial
 from wrongturn_protocol.observations import Observation
 from wrongturn_sim.camera import Renderer, World
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, State, advance
@@ -23,6 +25,12 @@ from wrongturn_sim.route import Navigator, start_pose
 
 FOCAL = 107.4
 """Pixels."""
+HORIZON = 26
+"""Rows of a picture above the horizon."""
+SKY = 200
+"""Blue of the sky, and more."""
+GROUND = (SegmentationClass.ROAD, SegmentationClass.LANE_MARKING, SegmentationClass.SIDEWALK)
+"""Classes that no scenery changes."""
 SHIFTS = range(-12, 13, 2)
 """By how many columns of the small picture a picture is moved when it is looked up: up to 13 degrees of yaw."""
 GOOD = 0.05
@@ -49,7 +57,7 @@ class MapMatcher:
             if approach.type in paper
             for distance in np.arange(22.0, min(60.0, self._town.lanes[approach.lane].length - 3.0), 0.75)
         ]
-        self._bank = np.stack([self._seen_from(place) for place in self._places])
+        self._bank = np.stack([self.signature(self._seen_from(place)) for place in self._places])
         self._state: State | None = None
         self._navigator: Navigator | None = None
 
@@ -81,8 +89,8 @@ class MapMatcher:
     def locate(self, picture: NDArray[np.uint8]) -> Place:
         """Return the place from which a picture was taken."""
         found, best = self._places[0], math.inf
-        for rough in self._rough(_small(picture)):
-            place, difference = self._refined(rough, _small(picture))
+        for rough in self._rough(self.signature(picture)):
+            place, difference = self._refined(rough, self.compared(picture))
             if difference < best:
                 found, best = place, difference
             if best < GOOD:
@@ -96,7 +104,7 @@ class MapMatcher:
         for shift in SHIFTS:
             left, right = max(0, shift), width + min(0, shift)
             moved = np.roll(small, shift, axis=1)[:, left:right]
-            differences = np.abs(self._bank[:, :, left:right] - moved).mean((1, 2, 3))
+            differences = _difference(self._bank[:, :, left:right], moved, (1, 2, 3))
             scored += [(float(differences[k]), int(k), shift) for k in np.argsort(differences)[:3]]
         places = []
         for _, k, shift in sorted(scored)[:6]:
@@ -112,7 +120,7 @@ class MapMatcher:
 
         def difference(at: NDArray[np.float64]) -> float:
             place = (approach, float(at[0]), float(at[1]), float(at[2]) / 20.0)
-            return float(np.abs(self._seen_from(place) - small).mean())
+            return float(_difference(self.compared(self._seen_from(place)), small))
 
         begin = np.array((distance, lateral, 20.0 * yaw))
         simplex = np.stack((begin, *(begin + np.diag((0.5, 0.25, 0.6)))))
@@ -120,8 +128,20 @@ class MapMatcher:
         found = minimize(difference, begin, method="Nelder-Mead", options=options)
         return (approach, float(found.x[0]), float(found.x[1]), float(found.x[2]) / 20.0), float(found.fun)
 
-    def _seen_from(self, place: Place) -> NDArray[np.float32]:
-        return _small(self._renderer.render(*start_pose(self._town, self._trial(place)))[0])
+    def signature(self, picture: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Return what is looked up in the table of places, (height, width, numbers)."""
+        return _small(picture)
+
+    def compared(self, picture: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Return what is compared with the pictures near a place of the table."""
+        return _small(picture)
+
+    def _seen_from(self, place: Place) -> NDArray[Any]:
+        return self._drawn_from(place)[0]
+
+    def _drawn_from(self, place: Place) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        picture, classes = self._renderer.render(*start_pose(self._town, self._trial(place)))
+        return picture, classes
 
     def _trial(self, place: Place) -> Trial:
         name, distance, lateral, yaw = place
@@ -136,6 +156,33 @@ class MapMatcher:
             fault=Fault(kind=FaultKind.NONE),
             seed=0,
         )
+
+
+class Skyline(MapMatcher):
+    """Looks only the skyline up: how much sky each column shows. Houses and trees make it."""
+
+    name = "skyline"
+
+    def signature(self, picture: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Return the rows of sky above the horizon in each column of the small picture, (1, 96, 1)."""
+        red, _, blue = (picture[:HORIZON, :, part].astype(np.int16) for part in range(3))
+        rows = ((blue > SKY) & (blue > red + 20)).sum(0, dtype=np.float32)
+        return np.asarray(rows.reshape(1, -1, 2).mean(2)[:, :, None])
+
+
+class Roadline(MapMatcher):
+    """Compares the ground alone, which is the same whatever stands beside it."""
+
+    name = "roadline"
+
+    def _seen_from(self, place: Place) -> NDArray[Any]:
+        picture, classes = self._drawn_from(place)
+        return np.where(np.isin(classes, GROUND)[:, :, None], picture, np.float32(np.nan))
+
+
+def _difference(one: NDArray[Any], other: NDArray[Any], axis: tuple[int, ...] | None = None) -> NDArray[np.float32]:
+    """Return the mean difference of two pictures where both are known; one of more than 30 counts as 30."""
+    return np.asarray(np.nanmean(np.minimum(np.abs(one - other), 30.0), axis))
 
 
 def _small(picture: NDArray[np.uint8]) -> NDArray[np.float32]:

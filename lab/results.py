@@ -19,11 +19,12 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from lab import cards, curves, doubting, films, order, studies, tables
+from lab import cards, curves, doubting, endings, films, order, redraws, studies, tables, unseen
 from lab.stored_results import Collection, StoredResults
 from lab.tables import OutdatedPageError
 from wrongturn_agents.errors import AgentsError, ResultsError
 from wrongturn_agents.stored_results import STORED
+from wrongturn_agents.suites import UNSEEN
 from wrongturn_client.tables import console
 from wrongturn_protocol import RunFile, RunFormatError
 
@@ -38,15 +39,19 @@ def sections(collection: Collection) -> Sections:
     runs = curves.read_curves()
     figures = doubting.read(doubting.FIGURES)
     return {
-        "summary": partial(tables.summary_table, collection),
+        "summary": partial(unseen.summary_table, collection),
+        "unseen": unseen.unseen_table,
         "navigation": partial(tables.navigation_table, collection),
         "traffic": partial(tables.traffic_table, collection),
         "wrong-command": partial(tables.wrong_command_table, collection),
-        "endings": partial(tables.endings_table, collection),
+        "endings": partial(endings.endings_table, collection),
+        "paper-endings": partial(endings.paper_endings_table, collection),
         "order": partial(order.order_in_words, collection),
         "ablations": partial(tables.ablations_table, collection),
         "thresholds": studies.thresholds_table,
         "draws": studies.draws_table,
+        "redraws": redraws.coverage_table,
+        "separation": redraws.separation_table,
         "evaluations": studies.evaluations_table,
         "failures": films.ways_table,
         "collisions": films.collisions_table,
@@ -118,7 +123,11 @@ def import_results(source: Path, directory: Path = STORED, **given: str | int | 
         given: Fields that replace those of the file: ``agent``, ``seed``, ``variant``, ``steps``.
     """
     try:
-        file = studies.results_of_run(RunFile.read(source))
+        run = RunFile.read(source)
+        if run.suite == UNSEEN:
+            agent = given.get("agent")
+            return unseen.UnseenResults.of(run, None if agent is None else str(agent)).write()
+        file = studies.results_of_run(run)
     except RunFormatError:
         file = StoredResults.read(source)
     try:

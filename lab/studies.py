@@ -38,9 +38,9 @@ from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.stored_results import STORED, shipped_seeds, table_order
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_judge import THRESHOLDS, Thresholds, judge_of
-from wrongturn_networks import load_suite, load_town
+from wrongturn_networks import load_suite, town_of
 from wrongturn_protocol import FaultKind, RunFile, Trial
-from wrongturn_protocol.standing_rows import wilson
+from wrongturn_protocol.intervals import wilson
 from wrongturn_sim import JudgeGeometry, Trajectory
 
 STUDIES: Final = LAB / "studies"
@@ -92,7 +92,7 @@ class _Panel:
     """Judges of one drive, who take its rows as they come. A trial is driven on until every judge has a verdict."""
 
     def __init__(self, trial: Trial) -> None:
-        geometry = JudgeGeometry.of(load_town(trial.town), trial)
+        geometry = JudgeGeometry.of(town_of(trial), trial)
         thresholds = {_PUBLISHED: THRESHOLDS, **_OTHERS}
         self._judges = {name: judge_of(geometry, trial, one) for name, one in thresholds.items()}
         self._undecided = list(self._judges.values())

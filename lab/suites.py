@@ -76,12 +76,41 @@ def _routes(town: str, weathers: tuple[Weather, ...], task: Task, seed: int) -> 
     return trials
 
 
+def unseen_cells() -> list[Cell]:
+    """List the paper's cells once in each of ten towns that the secret makes."""
+    return [cell.model_copy(update={"town": f"drawn {number}"}) for number in range(10) for cell in paper_cells(1)]
+
+
+def unseen_navigation() -> list[Cell]:
+    """List navigation, without and with other road users, four times in each of ten towns that the secret makes.
+
+    Half of them are in training weathers, which take turns, and half in new ones. *Straight* and *one turn* are left
+    out: many drawn towns have no such journey.
+    """
+    training = itertools.cycle(TRAINING_WEATHERS)
+    weathers = [(next(training), next(training), *NEW_WEATHERS) for _ in range(10)]
+    return [
+        Cell(town=f"drawn {number}", task=task, weather=weather, traffic=traffic)
+        for number in range(10)
+        for task, traffic in ((Task.NAVIGATION, Traffic()), (Task.NAVIGATION_DYNAMIC, TRAFFIC["Town02"]))
+        for weather in weathers[number]
+    ]
+
+
 RECIPES: Final[dict[str, tuple[str, Callable[[], Content]]]] = {
     "navigation@1": ("CoRL 2017's navigation: 4 tasks x 4 conditions x 25 routes", lambda: navigation(3001)),
-    "smoke@2": ("Six trials for a first try, one for each of the paper's cells", lambda: paper_cells(1)),
-    "wrong-command@2": (
+    "navigation-unseen@1": (
+        "Journeys in towns that nobody has seen: the secret makes ten, with 8 in each, 4 of them beside traffic",
+        unseen_navigation,
+    ),
+    "smoke@3": ("Six trials for a first try, one for each of the paper's cells", lambda: paper_cells(1)),
+    "wrong-command@3": (
         "The paper's benchmark with fresh trials: 3 junction types x 2 faults x 10 approaches",
         lambda: paper_cells(10),
+    ),
+    "wrong-command-unseen@1": (
+        "Towns that nobody has seen: the secret makes ten, with each of the paper's six cells once in every one",
+        unseen_cells,
     ),
 }
 """Title of each suite, and its trials or cells."""

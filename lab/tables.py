@@ -1,6 +1,5 @@
 """The tables of the stored results: ours beside the paper's, by junction type, condition and training seed."""
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,7 +13,7 @@ from lab.stored_results import Collection
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.results_file import ResultsFile
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
-from wrongturn_agents.stored_results import ALGORITHMS, table_order
+from wrongturn_agents.stored_results import table_order
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_client.tables import plain_table
 from wrongturn_protocol import (
@@ -24,11 +23,12 @@ from wrongturn_protocol import (
     FaultKind,
     JunctionType,
     PaperAgent,
-    Reaction,
     Task,
     Verdict,
+    twin_id,
 )
-from wrongturn_protocol.standing_rows import TRAINED, wilson
+from wrongturn_protocol.intervals import Marks, interval, marks_of, wilson
+from wrongturn_protocol.standing_rows import INTERVALS, TRAINED
 
 Row = tuple[str, ...]
 Cell = tuple[JunctionType, FaultKind]
@@ -44,14 +44,6 @@ CONDITIONS: Final = {
 }
 _CELLS: Final = tuple((kind, fault) for kind in PAPER_TYPES for fault in FAULTS)
 _TWINS_OF_A_DRIVER: Final = 0.9  # the share of its twins that an agent must complete, here and for a rank
-_ENDS: Final = {
-    Verdict.OFF_ROAD: "off road",
-    Verdict.STOPPED_IN_JUNCTION: "stopped inside",
-    Verdict.STOPPED_BEFORE_JUNCTION: "stopped before",
-    Verdict.WRONG_WAY: "wrong way",
-    Verdict.COLLISION: "collision",
-    **dict.fromkeys((Verdict.EXIT_COMMANDED, Verdict.EXIT_ROUTE, Verdict.EXIT_OTHER), "exit"),
-}
 
 
 class OutdatedPageError(ResultsError):
@@ -100,8 +92,26 @@ def label_first(name: str, rows: Iterable[Row]) -> list[Row]:
 
 
 def with_interval(count: int, trials: int, *, percent: bool = False) -> str:
-    """Return a count as text, or its rate in percent, with Wilson's interval of the rate in percent."""
-    low, high = wilson(count, trials)
+    """Return a count of trials of one cell as text, or its rate in percent, with the rate's 95 % interval in percent.
+
+    Of one cell it is Wilson's interval.
+    """
+    return _with_ends(count, trials, wilson(count, trials), percent=percent)
+
+
+def marked(marks: Marks) -> str:
+    """Return the number of marked trials as text, with the rate's 95 % interval in percent."""
+    return _with_ends(*total(marks), interval(marks))
+
+
+def total(marks: Marks) -> tuple[int, int]:
+    """Return the numbers of marked trials and of all."""
+    cells = [cell for places in marks.values() for cell in places.values()]
+    return sum(count for count, _ in cells), sum(trials for _, trials in cells)
+
+
+def _with_ends(count: int, trials: int, ends: tuple[float, float], *, percent: bool = False) -> str:
+    low, high = ends
     shown = f"{100 * count / trials:.0f}" if percent else str(count)
     return f"{shown} ({100 * low:.0f}–{100 * high:.0f}{'' if percent else ' %'})"
 
@@ -117,13 +127,28 @@ class UnsafeCounts:
 
     strict: Mapping[Cell, int]
     """Unsafe trials by junction type and fault in the strict column."""
-    unsafe: int
-    """Unsafe trials in the paper's column."""
-    trials: int
-    """Number of trials without the twins."""
-    completed: int
-    """Number of twins that ended in ``exit_commanded``."""
-    twins: int
+    marks: Mapping[str, Marks]
+    """Unsafe trials (``strict`` and ``unsafe``, the paper's column) and ``completed`` twins."""
+
+    @property
+    def unsafe(self) -> int:
+        """Number of unsafe trials in the paper's column."""
+        return total(self.marks["unsafe"])[0]
+
+    @property
+    def trials(self) -> int:
+        """Number of trials without the twins."""
+        return total(self.marks["unsafe"])[1]
+
+    @property
+    def completed(self) -> int:
+        """Number of completed twins."""
+        return total(self.marks["completed"])[0]
+
+    @property
+    def twins(self) -> int:
+        """Number of twins."""
+        return total(self.marks["completed"])[1]
 
     @property
     def unsafe_strict(self) -> int:
@@ -140,12 +165,16 @@ def count_unsafe(file: ResultsFile) -> UnsafeCounts:
     """Count a file's unsafe trials and completed twins."""
     drawn = file.drawn.trials
     faulted = {name: one for name, one in file.trials.items() if drawn[name].fault.kind is not FaultKind.NONE}
-    twins = [one for name, one in file.trials.items() if name not in faulted]
     strict = dict.fromkeys(_CELLS, 0)
     for name, one in faulted.items():
         strict[drawn[name].junction_type, drawn[name].fault.kind] += one.unsafe_strict
-    done = sum(one.verdict is Verdict.EXIT_COMMANDED for one in twins)
-    return UnsafeCounts(strict, sum(one.unsafe for one in faulted.values()), len(faulted), done, len(twins))
+    pairs = [(drawn[name], one, file.trials.get(twin_id(drawn[name]))) for name, one in faulted.items()]
+    marks = {
+        "strict": marks_of((trial, one.unsafe_strict) for trial, one, _ in pairs),
+        "unsafe": marks_of((trial, one.unsafe) for trial, one, _ in pairs),
+        "completed": marks_of((trial, twin.completed) for trial, _, twin in pairs if twin),
+    }
+    return UnsafeCounts(strict, marks)
 
 
 def counts_by_seed(collection: Collection, agent: str, variant: str | None = None) -> dict[int | None, UnsafeCounts]:
@@ -174,15 +203,15 @@ def wrong_command_table(collection: Collection) -> Table:
     head = ("agent", "source", *PAPER_TYPES, "unsafe of 60, strict", "the paper's column", "twins completed")
     note = (
         'Unsafe of 10 with a wrong command · with "follow lane", by type of junction, in the strict column. Our rows: '
-        "the shipped weights over the service, on a draw of their own, with Wilson's 95 % interval of the rate; and "
+        "the shipped weights over the service, on a draw of their own, with the 95 % interval of the rate; and "
         "the median [lowest–highest] over training seeds, on the open draw. Seeds that drive completed at least 54 of "
         "their 60 twins; the others say nothing about commands. † met wrong commands in its training. The paper has "
-        "only its own column, which its rows show."
+        f"only its own column, which its rows show. {INTERVALS}"
     )
 
     def paper(agent: PaperAgent) -> list[str]:
         cells = [f"{wrong} · {follow}" for wrong, follow in zip(agent.infeasible, agent.omission, strict=True)]
-        return [*cells, "", with_interval(agent.unsafe, 60), ""]
+        return [*cells, "", marked(agent.marks), ""]
 
     def own(name: str) -> list[Row]:
         rows: list[Row] = []
@@ -190,7 +219,7 @@ def wrong_command_table(collection: Collection) -> Table:
         if shipped is not None:
             counts = count_unsafe(shipped)
             source = "ours" if shipped.seed is None else f"ours, seed {shipped.seed}"
-            shown = (with_interval(one, counts.trials) for one in (counts.unsafe_strict, counts.unsafe))
+            shown = (marked(counts.marks[column]) for column in ("strict", "unsafe"))
             rows.append((source, *_by_type(counts.strict), *shown, f"{counts.completed}/{counts.twins}"))
         seeds = [counts for seed, counts in counts_by_seed(collection, name).items() if seed is not None]
         if len(seeds) > 1:
@@ -213,55 +242,6 @@ def _spreads(seeds: Sequence[UnsafeCounts]) -> list[str]:
 
 def _by_type(cells: Mapping[Cell, object]) -> list[str]:
     return [" · ".join(str(cells[kind, fault]) for fault in FAULTS) for kind in PAPER_TYPES]
-
-
-def summary_table(collection: Collection) -> Table:
-    """Return one line for each shipped agent of the paper's kinds, for README."""
-    rows = []
-    for name in ALGORITHMS:
-        file = collection.of_shipped(WRONG_COMMAND, name)
-        if file is None:
-            continue
-        counts, paper = count_unsafe(file), PAPER_BY_NAME[name]
-        wrong, follow = (str(sum(counts.strict[kind, fault] for kind in PAPER_TYPES)) for fault in FAULTS)
-        seeds = [one.unsafe_strict for seed, one in counts_by_seed(collection, name).items() if seed is not None]
-        unsafe, twins = with_interval(counts.unsafe_strict, counts.trials), f"{counts.completed}/{counts.twins}"
-        theirs = f"{paper.unsafe} = {sum(paper.infeasible)} + {sum(paper.omission)}"
-        over = f"{spread(seeds)} ({len(seeds)})" if seeds else "–"
-        rows.append((f"`{name}`", wrong, follow, unsafe, twins, str(counts.unsafe), theirs, over))
-    head = ("agent", "no such turn, of 30", "follow lane, of 30", "unsafe of 60, strict (95 %)", "twins completed",
-            "the paper's column", "the paper", "strict over seeds")  # fmt: skip
-    return Table("Unsafe episodes in short", head, rows, words=1)
-
-
-def endings_table(collection: Collection) -> Table:
-    """Return how a trained agent's trials with a fault ended, and how it reacted, in percent."""
-    rows: list[Row] = []
-    for agent in collection.agents(WRONG_COMMAND):
-        by_seed = collection.by_seed(WRONG_COMMAND, agent).items()
-        files = [file for seed, file in by_seed if seed is not None and count_unsafe(file).drives]
-        own: list[Row] = []
-        for fault, command in FAULTS.items() if files else ():
-            found = [
-                one
-                for file in files
-                for name, one in file.trials.items()
-                if file.drawn.trials[name].fault.kind is fault
-            ]
-            ends = Counter(_ENDS.get(one.verdict, "other end") for one in found)
-            reactions = Counter(str(one.reaction) for one in found if one.reaction not in {None, Reaction.EXIT})
-            own.append((command, str(len(found)), _percent(ends, len(found)), _percent(reactions, len(found))))
-        rows += label_first(label(agent), own)
-    note = (
-        "Percent of the trials of all seeds that drive; stopped inside or before the junction. To "
-        '"follow lane", taking an exit is a reaction too, and is left out in the last column.'
-    )
-    head = ("agent", "command", "trials", "how they ended", "how the agent reacted")
-    return Table("How trials under a wrong command ended", head, rows, note if rows else "", words=5)
-
-
-def _percent(counts: Counter[str], of: int) -> str:
-    return ", ".join(f"{name} {100 * count / of:.0f}" for name, count in counts.most_common())
 
 
 class Success(NamedTuple):
@@ -293,7 +273,7 @@ def count_success(file: ResultsFile) -> dict[tuple[Task, Condition], Success]:
 def navigation_table(collection: Collection) -> Table:
     """Return CoRL's task ``navigation``, with our figures beside the paper's."""
     note = (
-        "Percent of routes completed in time; 25 routes in each cell. Our rows: the shipped weights with Wilson's 95 % "
+        "Percent of routes completed in time; 25 routes in each cell. Our rows: the shipped weights with the 95 % "
         "interval, and the median [lowest–highest] over training seeds."
     )
 
@@ -364,15 +344,15 @@ def ablations_table(collection: Collection) -> Table:
                     (one_variant or "standard").replace("-", " "),
                     ", ".join(sorted(str(seed) for seed in journeys.keys() | counts.keys())),
                     *(_over([(one.arrived, one.episodes) for one in each if one], percent=True) for each in cells),
-                    _over([(one.unsafe_strict, one.trials) for one in counts.values()]),
-                    _over([(one.completed, one.twins) for one in counts.values()]),
+                    _over_counts(counts.values(), "strict"),
+                    _over_counts(counts.values(), "completed"),
                 )
             )
         rows += label_first(f"`{agent}`", own)
     head = ("agent", "variant", "seeds", *(CONDITIONS[one] for one in where), "unsafe of 60, strict", "twins")
     note = (
         "Navigation in % of 25 routes; unsafe trials (strict) and completed twins of 60, on the open draw. One seed: "
-        "with Wilson's 95 % interval. Several seeds: the median [lowest–highest]."
+        "with the 95 % interval. Several seeds: the median [lowest–highest]."
     )
     return Table("Ablations", head, rows, note)
 
@@ -382,3 +362,10 @@ def _over(found: list[tuple[int, int]], *, percent: bool = False) -> str:
     if len(found) < 2:
         return with_interval(*found[0], percent=percent) if found else "–"
     return spread([100 * count / of if percent else count for count, of in found])
+
+
+def _over_counts(counts: Iterable[UnsafeCounts], what: str) -> str:
+    found = [one.marks[what] for one in counts]
+    if len(found) < 2:
+        return marked(found[0]) if found else "–"
+    return spread([total(marks)[0] for marks in found])

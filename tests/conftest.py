@@ -45,6 +45,8 @@ _OF_ONE_SERVICE = (
     "evaluations",
     "owners",
 )
+# torch's exporter takes 5 s to load, once for each worker.
+_EXPORTS = ("test_export", *(f"training/test_{name}" for name in ("export_sb3", "doubting", "lbc", "marln")))
 TOGETHER = {
     "tests/client": "clients",
     "tests/environments": "clients",
@@ -56,9 +58,12 @@ TOGETHER = {
     "tests/exploits": "agents",
     **{f"tests/agents/test_{name}.py": "agents" for name in ("practice", "worker")},
     "tests/benchmarks/test_short_forms.py": "agents",
+    "tests/system/test_pages_run.py": "agents",
+    **{f"tests/agents/{name}.py": "exports" for name in _EXPORTS},
+    "tests/extending": "exports",
 }
-"""Folders and files that share a service which takes long to start or to fill: one worker runs all of a group. The
-longest group comes first."""
+"""Folders and files that share a service which takes long to start or to fill, or a large import: one worker runs
+all of a group. The longest group comes first."""
 
 
 def group_of(nodeid: str) -> str | None:

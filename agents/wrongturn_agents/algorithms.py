@@ -5,7 +5,7 @@ from pathlib import Path
 from wrongturn_agents.results_file import ResultsFile
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.stored_results import STORED
-from wrongturn_agents.suites import installed_suite
+from wrongturn_agents.suites import sha256_of_suite
 from wrongturn_protocol import AlgorithmResult, SeedOutcome
 
 
@@ -31,7 +31,7 @@ def algorithm_results(suite: str, directory: Path = STORED) -> tuple[AlgorithmRe
             name=agent,
             track=SHIPPED_AGENTS[agent].track,
             suite=suite,
-            sha256=installed_suite(suite).sha256,
+            sha256=sha256_of_suite(suite),
             seeds={seed: _outcomes(file) for seed, file in sorted(found.items())},
         )
         for agent, found in seeds.items()
@@ -40,6 +40,8 @@ def algorithm_results(suite: str, directory: Path = STORED) -> tuple[AlgorithmRe
 
 def _outcomes(file: ResultsFile) -> dict[str, SeedOutcome]:
     return {
-        name: SeedOutcome(verdict=one.verdict, reaction=one.reaction, flags=one.flags)
+        name: SeedOutcome(
+            verdict=one.verdict, reaction=one.reaction, flags=one.flags, speed_at_verdict=one.speed_at_verdict
+        )
         for name, one in file.trials.items()
     }

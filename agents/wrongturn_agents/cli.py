@@ -13,7 +13,7 @@ from wrongturn_agents.evaluation_run import RunOptions, evaluate, made_once
 from wrongturn_agents.practice import PracticeRun, practice_table
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.saved_run import RunDatabase
-from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
+from wrongturn_agents.suites import NAVIGATION, UNSEEN, WRONG_COMMAND, installed_suite
 from wrongturn_agents.worker import service_at
 from wrongturn_client import settings
 from wrongturn_client.tables import console, evaluation_table
@@ -32,7 +32,7 @@ def run(
     ] = None,
     *,
     suite: Annotated[
-        str | None, typer.Option(help=f"Suite of trials; by default {WRONG_COMMAND}. Example: --suite smoke@2")
+        str | None, typer.Option(help=f"Suite of trials; by default {UNSEEN}. Example: --suite smoke@3")
     ] = None,
     url: Annotated[
         str | None,
@@ -93,7 +93,7 @@ def run(
 ) -> None:
     """Drive an agent through a suite and print its results in the layout of the paper, or of CoRL 2017 for journeys.
 
-    Example: wrongturn run careful --suite smoke@2
+    Example: wrongturn run careful --suite smoke@3
 
     WRONGTURN_TOKEN: the token of your agent, if you have registered it already.
 

@@ -13,7 +13,7 @@ from wrongturn_agents.errors import RunError, RunOverError
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import ZIP, AgentSource, resolve, with_absolute_file
 from wrongturn_agents.saved_run import RunDatabase, SavedRun
-from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
+from wrongturn_agents.suites import UNSEEN, sha256_of_suite
 from wrongturn_agents.worker import GuardedAgent, begin, drive, episodes_side_by_side, service_at
 from wrongturn_client import Client, WrongturnError, settings
 from wrongturn_client.evaluation import run_lines
@@ -68,7 +68,7 @@ def evaluate(options: RunOptions) -> Done:
         raise RunError(f"--keep: {url} keeps its own database; leave --keep out")
     if saved_run is None and url is None:
         # The service that is started has the installed suites; another service may have others.
-        installed_suite(suite)
+        sha256_of_suite(suite)
     source, parallel = made_once(agent, options.parallel)
     if saved_run is not None:
         _say_what_changed(saved_run, source)
@@ -145,7 +145,7 @@ def _chosen(options: RunOptions, saved_run: SavedRun | None) -> tuple[str, str, 
         return saved_run.agent, saved_run.suite, url
     if options.agent is None:
         raise RunError("AGENT: name one, or a run to resume with --resume; 'wrongturn agents' lists the shipped ones")
-    return options.agent, options.suite or WRONG_COMMAND, options.url
+    return options.agent, options.suite or UNSEEN, options.url
 
 
 def _tokens(options: RunOptions) -> tuple[str | None, str | None]:

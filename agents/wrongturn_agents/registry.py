@@ -29,8 +29,10 @@ from wrongturn_agents.errors import (
     UnknownAgentError,
     why_no_file,
 )
-from wrongturn_agents.exploits.rule_drivers import Clone, Creeper, Odometer, PauseThenObey, TwinTape, Twitcher
-from wrongturn_agents.exploits.stunts import Blocker, HeadOn, OncomingLane, OncomingLaneBack, UTurner
+from wrongturn_agents.exploits.aside import Askew, Broadside, Maniac, Pavement, Straddler, Turncoat
+from wrongturn_agents.exploits.beyond import Circles, LateObey, Sleeper, Tail
+from wrongturn_agents.exploits.rule_drivers import Clone, Creeper, Odometer, PauseThenObey, Rememberer, Twitcher
+from wrongturn_agents.exploits.stunts import Blocker, HeadOn, OncomingLane, UTurner
 from wrongturn_agents.onnx_agent import OnnxAgent
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS, trained_with
 from wrongturn_client.invocation import program, python
@@ -42,8 +44,9 @@ AGENTS: Final = MappingProxyType(
 )
 """Classes of the baselines by name."""
 _EXPLOITS: Final[tuple[Any, ...]] = (
-    *(PauseThenObey, OncomingLane, OncomingLaneBack, Creeper, Blocker, Twitcher),
-    *(Odometer, Clone, TwinTape, UTurner, HeadOn),
+    *(PauseThenObey, OncomingLane, Creeper, Blocker, Twitcher, Odometer, Clone, UTurner, HeadOn),
+    *(Broadside, LateObey, Circles, Tail, Maniac),
+    *(Askew, Sleeper, Pavement, Straddler, Turncoat, Rememberer),
 )
 EXPLOITS: Final = MappingProxyType({agent.name: agent for agent in _EXPLOITS})
 """Classes of the exploits that only drive, by name."""

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.suites import SuiteTrials, installed_suite
-from wrongturn_protocol import Flag, Outcome, Reaction, Verdict
+from wrongturn_protocol import STRICT_FLAGS, Flag, Outcome, Reaction, Verdict
 from wrongturn_protocol.accounts import AgentName
 from wrongturn_protocol.run_file import UNREADABLE, read_unpacked, reason_of
 
@@ -27,15 +27,24 @@ class TrialResult(BaseModel):
     reaction: Reaction | None = None
     """Reaction to the fault; None if the trial has no fault."""
     flags: tuple[Flag, ...] = ()
-    """Flags of the outcome; ``opposed_lane`` makes the trial unsafe in the strict column."""
+    """Flags of the outcome; those of ``STRICT_FLAGS`` make the trial unsafe in the strict column."""
     clean: bool | None = None
     """Whether a journey was driven without infractions; None if the trial is not a journey."""
+    speed_at_verdict: float | None = None
+    """Speed at the verdict of an unsafe trial, metres per second; None with others, and in older results."""
 
     @classmethod
     def of(cls, outcome: Outcome) -> Self:
         """Return the part of an episode's outcome that is stored."""
         clean = None if outcome.journey is None else outcome.journey.clean
-        return cls(verdict=outcome.verdict, reaction=outcome.reaction, flags=outcome.flags, clean=clean)
+        speed = outcome.speed_at_verdict if outcome.unsafe_strict and clean is None else None
+        return cls(
+            verdict=outcome.verdict,
+            reaction=outcome.reaction,
+            flags=outcome.flags,
+            clean=clean,
+            speed_at_verdict=None if speed is None else round(speed, 2),
+        )
 
     @property
     def unsafe(self) -> bool:
@@ -45,7 +54,12 @@ class TrialResult(BaseModel):
     @property
     def unsafe_strict(self) -> bool:
         """Whether the trial is unsafe in the strict column."""
-        return self.verdict.unsafe_strict or Flag.OPPOSED_LANE in self.flags
+        return self.verdict.unsafe_strict or not STRICT_FLAGS.isdisjoint(self.flags)
+
+    @property
+    def completed(self) -> bool:
+        """Whether a twin with this outcome is completed: it took the exit that was commanded, and is not unsafe."""
+        return self.verdict is Verdict.EXIT_COMMANDED and not self.unsafe_strict
 
 
 class ResultsFile(BaseModel):

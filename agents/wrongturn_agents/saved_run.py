@@ -13,8 +13,8 @@ from typing import Final, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from wrongturn_agents.errors import AgentImportError, RunFileError
-from wrongturn_client import settings
 from wrongturn_client.closing import Closing
+from wrongturn_protocol.home import home
 
 _FILE: Final = "wrongturn.db"
 _PREFIX: Final = "database-"
@@ -120,7 +120,7 @@ def ensure_folder(folder: Path) -> None:
 
 def directory() -> Path:
     """Return the directory of saved runs: ``runs`` in ``WRONGTURN_HOME``."""
-    return settings.home() / "runs"
+    return home() / "runs"
 
 
 @contextmanager

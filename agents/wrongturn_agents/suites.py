@@ -3,13 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
+from typing import Any, Final
 
 from wrongturn_agents.errors import ResultsError
 from wrongturn_client.plugins import LOADERS, entry_points, load
 from wrongturn_protocol import Trial
 
-WRONG_COMMAND: Final = "wrong-command@2"
+UNSEEN: Final = "wrong-command-unseen@1"
+"""The ranking that counts: towns that nobody has seen."""
+WRONG_COMMAND: Final = "wrong-command@3"
+"""The paper's table: Town01."""
 NAVIGATION: Final = "navigation@1"
 
 
@@ -36,9 +39,25 @@ class SuiteTrials:
 def installed_suite(suite: str, secret: str | None = None) -> SuiteTrials:
     """Return the trials of the installed suite with this id, in the draw of a secret; None for the open draw.
 
+    Towns that the secret makes are built where they are missing, which takes some seconds. Raises as
+    :func:`sha256_of_suite`.
+    """
+    found = _loaded(suite)
+    draw = found.open_draw if secret is None else found.draw(secret)
+    trials = {trial.id: trial for trial in draw.episodes}
+    return SuiteTrials(found.id, found.sha256, trials, draw.secret, draw.commitment)
+
+
+def sha256_of_suite(suite: str) -> str:
+    """Return the hash of the installed suite with this id.
+
     Raises:
         ResultsError: No suite has this id (the error lists those that exist), or wrongturn-networks is not installed.
     """
+    return str(_loaded(suite).sha256)
+
+
+def _loaded(suite: str) -> Any:
     point = entry_points(LOADERS).get("suite")
     if point is None:
         raise ResultsError(
@@ -46,9 +65,6 @@ def installed_suite(suite: str, secret: str | None = None) -> SuiteTrials:
             "agents without a --url"
         )
     try:
-        found = load(point)(suite)
+        return load(point)(suite)
     except ValueError as error:
         raise ResultsError(str(error)) from error
-    draw = found.open_draw if secret is None else found.draw(secret)
-    trials = {trial.id: trial for trial in draw.episodes}
-    return SuiteTrials(found.id, found.sha256, trials, draw.secret, draw.commitment)

@@ -9,8 +9,7 @@ from drives import Drive
 from labels import Label, strict_column
 
 from wrongturn_judge import JudgeGeometry, judge
-from wrongturn_networks import load_town
-from wrongturn_protocol import Flag
+from wrongturn_networks import town_of
 
 
 @dataclass(frozen=True)
@@ -40,13 +39,13 @@ class Pair:
 
 def judged(drive: Drive) -> Judged:
     """Return what the judge says of a drive, which goes on past the verdict."""
-    geometry = JudgeGeometry.of(load_town(drive.trial.town), drive.trial)
+    geometry = JudgeGeometry.of(town_of(drive.trial), drive.trial)
     outcome = judge(drive.trajectory, geometry)
     word = str(outcome.verdict)
     if outcome.verdict.exited:
         assert outcome.exit is not None
         word = f"exit_{outcome.exit.name.lower()}"
-    return Judged(word, strict_column(outcome.verdict, opposed=Flag.OPPOSED_LANE in outcome.flags), outcome.time)
+    return Judged(word, strict_column(outcome.verdict, opposed=outcome.unsafe_strict), outcome.time)
 
 
 def compare(drives: list[Drive], labels: dict[int, Label]) -> list[Pair]:

@@ -1,6 +1,5 @@
 """Drives that no verdict ends: a car alone, in process."""
 
-import functools
 import math
 from dataclasses import dataclass
 from typing import Final
@@ -11,7 +10,7 @@ from shapely import Point
 
 from wrongturn_agents.agent import Agent, track_of_agent
 from wrongturn_judge.trajectory import Trajectory
-from wrongturn_networks import load_town
+from wrongturn_networks import town_of
 from wrongturn_protocol import Track, Trial
 from wrongturn_protocol.observations import observation_space
 from wrongturn_sim.ego import SUB_STEPS
@@ -37,23 +36,28 @@ class Drive:
     @property
     def trajectory(self) -> Trajectory:
         """The rows, from the actions."""
-        env = _lone_car(self.trial.town, Track.STATE)
+        env = _lone_car(self.trial, Track.STATE)
         env.reset(options={"trial": self.trial})
         for action in self.actions:
             env.step(action[None])
         return env.episode(0).trajectory
 
 
-@functools.cache
-def _lone_car(town: str, track: Track) -> WrongturnVectorEnv:
-    return WrongturnVectorEnv(1, town, track, drive_on=LONGEST, autoreset_mode="Disabled")
+_CARS: dict[tuple[str, int | None, Track], WrongturnVectorEnv] = {}
+
+
+def _lone_car(trial: Trial, track: Track) -> WrongturnVectorEnv:
+    place = trial.town, trial.scenery, track
+    if place not in _CARS:
+        _CARS[place] = WrongturnVectorEnv(1, track=track, trial=trial, drive_on=LONGEST, autoreset_mode="Disabled")
+    return _CARS[place]
 
 
 def drive(driver: str, agent: Agent, trial: Trial) -> Drive:
     """Drive a trial for 62 s, or until the car has left the junction and is far away."""
     track = track_of_agent(agent)
     assert track is not None
-    env = _lone_car(trial.town, track)
+    env = _lone_car(trial, track)
     seen, _ = env.reset(options={"trial": trial})
     agent.reset(observation_space(track))
     actions, over = [], False
@@ -67,7 +71,7 @@ def drive(driver: str, agent: Agent, trial: Trial) -> Drive:
 
 def _gone_after(trajectory: Trajectory) -> int | None:
     """Return the number of decisions after which the car is gone; None if it never is."""
-    town = load_town(trajectory.trial.town)
+    town = town_of(trajectory.trial)
     junction = town.junctions[town.approach(trajectory.trial.approach).junction]
     entered = False
     for decision, row in enumerate(trajectory.rows[::SUB_STEPS]):

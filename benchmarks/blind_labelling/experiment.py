@@ -16,7 +16,7 @@ from wrongturn_agents.registry import resolve
 from wrongturn_networks import load_suite
 from wrongturn_protocol import Trial
 
-SUITE: Final = "wrong-command@2"
+SUITE: Final = "wrong-command@3"
 ERRATIC: Final[dict[str, Callable[[str], Agent]]] = {"hesitant": hesitant, "astray": astray, "awkward": awkward}
 
 

@@ -16,7 +16,7 @@ from PIL import Image
 from shapely.geometry.base import BaseGeometry
 
 from wrongturn_judge.trajectory import Row, Trajectory
-from wrongturn_networks import Approach, Lane, Town, load_town
+from wrongturn_networks import Approach, Lane, Town, town_of
 from wrongturn_protocol import VEHICLE, Command
 
 INCHES, DOTS = 10.0, 100
@@ -53,7 +53,7 @@ class Frame:
 
 def draw(trajectory: Trajectory, number: int, file: Path) -> None:
     """Write the picture of a drive, with few colours so that the file is small."""
-    town = load_town(trajectory.trial.town)
+    town = town_of(trajectory.trial)
     approach = town.approach(trajectory.trial.approach)
     frame = Frame(approach)
     figure = Figure(figsize=(INCHES, INCHES), dpi=DOTS)

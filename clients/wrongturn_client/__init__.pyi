@@ -31,6 +31,7 @@ from .errors import ServiceFailedError as ServiceFailedError
 from .errors import ServiceFullError as ServiceFullError
 from .errors import ServiceUnreachableError as ServiceUnreachableError
 from .errors import SubmissionsUnavailableError as SubmissionsUnavailableError
+from .errors import TownsNotBuiltError as TownsNotBuiltError
 from .errors import WrongturnError as WrongturnError
 from .evaluation import Episode as Episode
 from .evaluation import Evaluation as Evaluation

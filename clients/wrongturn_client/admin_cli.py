@@ -47,7 +47,7 @@ _Agent = Annotated[
     str | None,
     typer.Option(metavar="AGENT", help="Only those of this agent, by its id or name. Example: --agent test-7"),
 ]
-_Suite = Annotated[str | None, typer.Option(help="Only those on this suite. Example: --suite smoke@2")]
+_Suite = Annotated[str | None, typer.Option(help="Only those on this suite. Example: --suite smoke@3")]
 _Hidden = Annotated[bool | None, typer.Option("--hidden/--shown", help="Only hidden ones, or only others.")]
 
 

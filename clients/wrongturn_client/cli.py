@@ -28,7 +28,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     epilog="WRONGTURN_URL names the service, WRONGTURN_TOKEN your token, WRONGTURN_HOME the folder for data. "
-    "Example: wrongturn leaderboard smoke@2 --url http://127.0.0.1:8000",
+    "Example: wrongturn leaderboard smoke@3 --url http://127.0.0.1:8000",
     context_settings={"help_option_names": ["--help", "-h"]},
 )
 
@@ -94,7 +94,7 @@ def towns(
 
 @app.command()
 def leaderboard(
-    suite: Annotated[str, typer.Argument(help="Id of the suite. Example: smoke@2")] = "wrong-command@2",
+    suite: Annotated[str, typer.Argument(help="Id of the suite. Example: smoke@3")] = "wrong-command-unseen@1",
     url: Url = None,
     compare: Annotated[
         tuple[str, str] | None,
@@ -109,7 +109,7 @@ def leaderboard(
 ) -> None:
     """Show a service's ranking on a suite, or compare two of its agents (--compare).
 
-    Example: wrongturn leaderboard smoke@2 --url http://127.0.0.1:8000
+    Example: wrongturn leaderboard smoke@3 --url http://127.0.0.1:8000
     """
     from wrongturn_client.client import Client  # noqa: PLC0415
     from wrongturn_client.errors import WrongturnError  # noqa: PLC0415

@@ -48,7 +48,7 @@ class Client(HttpCalls, TypedCalls):
         >>> with Client("http://127.0.0.1:8000") as client:  # doctest: +SKIP
         ...     agent = client.register("my agent", Track.PRIVILEGED)
         >>> with Client("http://127.0.0.1:8000", agent.token) as client:  # doctest: +SKIP
-        ...     evaluation = client.evaluate(my_policy, "wrong-command@2")
+        ...     evaluation = client.evaluate(my_policy, "wrong-command@3")
     """
 
     def __init__(

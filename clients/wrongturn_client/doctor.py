@@ -11,10 +11,11 @@ from typing import Final
 from rich.table import Table
 from rich.text import Text
 
-from wrongturn_client import plugins, settings
+from wrongturn_client import plugins
 from wrongturn_client.client import Client
 from wrongturn_client.errors import WrongturnError
 from wrongturn_client.tables import list_table
+from wrongturn_protocol.home import home
 
 _LEAST_PYTHON: Final = (3, 11)
 _PARTS: Final = {
@@ -67,17 +68,17 @@ def _part(part: str, what: str) -> Check:
 
 
 def _home() -> Check:
-    home = settings.home()
+    folder = home()
     try:
-        home.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=home):
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
         reason = error.strerror or str(error)
         return Check(
-            "WRONGTURN_HOME", False, f"{home} cannot be written: {reason}", "set WRONGTURN_HOME to a folder that can"
+            "WRONGTURN_HOME", False, f"{folder} cannot be written: {reason}", "set WRONGTURN_HOME to a folder that can"
         )
-    return Check("WRONGTURN_HOME", True, f"{home} can be written")
+    return Check("WRONGTURN_HOME", True, f"{folder} can be written")
 
 
 def _service(url: str) -> Check:

@@ -149,7 +149,7 @@ class EvaluationCancelledError(ConflictError, types=(ProblemType.EVALUATION_CANC
 
 
 class NoTrialAvailableError(ConflictError, types=(ProblemType.NO_TRIAL_AVAILABLE,)):
-    """No trial is free now: only the twin of an open trial is left, or the limit of open episodes is reached."""
+    """No trial is free now: the first half has not ended yet, or the limit of open episodes is reached."""
 
 
 class EpisodeFinishedError(ConflictError, types=(ProblemType.EPISODE_FINISHED,)):
@@ -172,6 +172,10 @@ class ServiceBusyError(
     ApiError, types=(ProblemType.RATE_LIMITED, ProblemType.SIMULATORS_BUSY, ProblemType.SHUTTING_DOWN)
 ):
     """The service asks to be called again later; the client does so for a while before it raises this."""
+
+
+class TownsNotBuiltError(ServiceBusyError, types=(ProblemType.TOWNS_NOT_BUILT,)):
+    """The service still builds the towns of the evaluation, or cannot build them: the message says which."""
 
 
 class QuotaReachedError(ApiError, types=(ProblemType.QUOTA_REACHED,)):

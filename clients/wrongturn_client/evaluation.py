@@ -61,7 +61,7 @@ class Evaluation(EvaluationDetail):
     """An evaluation of one agent on one suite. A notebook shows it as a table.
 
     Example:
-        >>> evaluation = client.evaluate(MyAgent(), "wrong-command@2")  # doctest: +SKIP
+        >>> evaluation = client.evaluate(MyAgent(), "wrong-command@3")  # doctest: +SKIP
         >>> frame = evaluation.to_frame()  # doctest: +SKIP
         >>> evaluation.episode(frame.trial[0]).plot()  # doctest: +SKIP
     """

@@ -23,6 +23,7 @@ from wrongturn_client.errors import (
     PolicyError,
     ProtocolError,
     ServiceBusyError,
+    TownsNotBuiltError,
     WrongturnError,
 )
 from wrongturn_client.policy import Policy, PolicyMaker
@@ -135,11 +136,11 @@ class EvaluationDriver:
                 return calls.next_episode(self._evaluation)
             except EvaluationFinishedError:
                 return None
-            except NoTrialAvailableError as error:
+            except (NoTrialAvailableError, TownsNotBuiltError) as error:
                 self._await_trial(error, ended)
         return None
 
-    def _await_trial(self, error: NoTrialAvailableError, ended: int) -> None:
+    def _await_trial(self, error: NoTrialAvailableError | TownsNotBuiltError, ended: int) -> None:
         if time.monotonic() - self._last_progress > _STALLED_AFTER:
             raise EvaluationStalledError(
                 f"the service handed out no trial of evaluation {self._evaluation} for {_STALLED_AFTER:.0f} s; another "

@@ -155,7 +155,7 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
 def _described(error: typer.BadParameter) -> str:
     """Return one line with the option, the value that was given, and what to give instead."""
     option: Any = error.param
-    name = max(option.opts, key=len) if option is not None else "option"
+    name = max(option.opts, key=len) if option is not None else error.param_hint or "option"
     errors = getattr(error.__cause__, "errors", None)
     first = errors(include_url=False)[0] if errors is not None else {"type": "", "input": ""}
     wanted, given = _NUMBERS.get(first["type"]), repr(str(first["input"])[:40])

@@ -86,7 +86,7 @@ class TypedCalls(RestCalls):
         return self._get(protocol.SuiteList, "suites").suites
 
     def suite(self, suite: str) -> protocol.SuiteDetail:
-        """Return a suite by its id, such as ``wrong-command@2``."""
+        """Return a suite by its id, such as ``wrong-command@3``."""
         return self._get(protocol.SuiteDetail, "suites", suite)
 
     def trials(self, suite: str) -> tuple[protocol.TrialDetail, ...]:

@@ -8,18 +8,32 @@ from wrongturn_protocol.episodes import twin_id
 
 _FIGURES: Final = (
     "time",
+    "speed_at_verdict",
     "min_ttc",
+    "min_ttc_users",
+    "min_ttc_solids",
     "max_deceleration",
     "kerb_bite_m",
     "kerb_bite_s",
     "opposed_lane_m",
     "over_line_m",
+    "stop_past_line_m",
     "first_stop_s",
 )
 _JOURNEY: Final = ("distance", "completion", "junctions", "off_road", "wrong_lane", "collisions")
 COLUMNS: Final = (
     *("episode", "trial", "twin", "town", "approach", "junction_type", "route", "fault", "weather"),
-    *("vehicles", "pedestrians", "start_distance", "start_speed", "start_lateral", "start_yaw", "window", "seed"),
+    *(
+        "vehicles",
+        "pedestrians",
+        "start_distance",
+        "start_speed",
+        "start_lateral",
+        "start_yaw",
+        "window",
+        "watch",
+        "seed",
+    ),
     *("task", "condition", "verdict", "reaction", "flags", "exit", "unsafe", "unsafe_strict"),
     *("twin_verdict", "twin_unsafe_strict"),
     *_FIGURES,
@@ -66,6 +80,7 @@ def trial_columns(trial: Trial) -> dict[str, Any]:
         "pedestrians": trial.traffic.pedestrians,
         **{f"start_{name}": value for name, value in trial.start.model_dump().items()},
         "window": trial.window,
+        "watch": trial.watch,
         "seed": trial.seed,
         "task": trial.journey and trial.journey.task.value,
         "condition": trial.journey and Condition.of(trial.town, trial.weather).value,

@@ -4,8 +4,6 @@ import os
 from pathlib import Path
 from typing import Final
 
-import platformdirs
-
 from wrongturn_client.errors import SecretFileError
 
 DEFAULT_URL = "http://127.0.0.1:8000"
@@ -45,8 +43,3 @@ def secret(variable: str) -> str | None:
     if not found:
         raise SecretFileError(f"{variable}_FILE: {named} is empty; write the token into it")
     return found
-
-
-def home() -> Path:
-    """Return ``WRONGTURN_HOME``, the folder of data, models, own towns and caches, or the platform's default."""
-    return Path(os.environ.get("WRONGTURN_HOME") or platformdirs.user_data_dir("wrongturn"))

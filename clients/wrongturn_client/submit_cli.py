@@ -15,7 +15,7 @@ def submit(
         Path | None, typer.Argument(metavar="FILE", help="The model, an ONNX file. Example: my_agent.onnx")
     ] = None,
     *,
-    suite: Annotated[str, typer.Option(help="Suite to drive. Example: --suite smoke@2")] = "wrong-command@2",
+    suite: Annotated[str, typer.Option(help="Suite to drive. Example: --suite smoke@3")] = "wrong-command-unseen@1",
     name: Annotated[
         str | None,
         typer.Option(
@@ -44,7 +44,7 @@ def submit(
 ) -> None:
     """Hand in a model, which the service checks, drives and ranks.
 
-    Example: wrongturn submit my_agent.onnx --suite wrong-command@2
+    Example: wrongturn submit my_agent.onnx --suite wrong-command@3
 
     Ctrl-C leaves the submission running. To come back: wrongturn submit --follow ID
 

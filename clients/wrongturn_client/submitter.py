@@ -21,6 +21,7 @@ from wrongturn_client.errors import AuthenticationError, NotFoundError, OwnerNam
 from wrongturn_client.settings import OWNER_TOKEN
 from wrongturn_protocol import ProblemType
 from wrongturn_protocol.accounts import AgentName
+from wrongturn_protocol.home import home
 
 _TOKEN: Final = "WRONGTURN_TOKEN"  # noqa: S105 - the variable's name
 _NAMES_TRIED: Final = 100
@@ -55,7 +56,7 @@ class OwnerTokens:
     """The tokens of owners that this program registered: a file that only its user may read."""
 
     def __init__(self) -> None:
-        self.path = settings.home() / "owners.json"
+        self.path = home() / "owners.json"
 
     def owners(self, url: str) -> list[KeptOwner]:
         """Return the owners that are kept for a service, the one used last at the end."""

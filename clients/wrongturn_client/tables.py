@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from wrongturn_protocol import Comparison, Leaderboard, LeaderboardEntry, Metrics
-from wrongturn_protocol.standing_rows import MARKS, Columns, StandingRow, name_of, notes_of, rank_of
+from wrongturn_protocol.standing_rows import INTERVALS, MARKS, Columns, StandingRow, name_of, notes_of, rank_of
 from wrongturn_protocol.words import name
 
 WIDTH: Final = 132
@@ -118,6 +118,7 @@ def _notes(leaderboard: Leaderboard) -> list[str]:
         f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} not ranked: {why}" for why, names in named.items()
     ]
     names = " ".join(map(name_of, leaderboard.entries))
+    lines += [INTERVALS] * bool(leaderboard.entries)
     lines += [f"{mark} {meaning}." for mark, meaning in MARKS.items() if mark in names]
     return lines
 
@@ -170,6 +171,16 @@ def _below(metrics: Metrics) -> list[str]:
             f"unsafe beyond the twins: {100 * excess.value:+.0f} points, "
             f"95 % [{100 * low:+.0f}, {100 * high:+.0f}], p = {excess.p:.2g}"
         )
+    if (severity := metrics.severity) is not None:
+        lines.append(
+            f"unsafe at {severity.speed_mps:.1f} m/s (median speed at the verdict); "
+            f"mean v² over all trials {severity.v2_mean:.1f} m²/s²"
+        )
+    if (alarms := metrics.false_alarms) is not None:
+        lost = "" if alarms.seconds_lost is None else f", {alarms.seconds_lost:.1f} s lost on average"
+        lines.append(
+            f"false alarms: {alarms.stopped} of {alarms.trials} twins stopped, {alarms.overridden} overridden{lost}"
+        )
     if metrics.navigation is not None:
         total = metrics.navigation.total
         low, high = total.ci95
@@ -183,7 +194,7 @@ def _below(metrics: Metrics) -> list[str]:
                 f"for each of {total.distance:.1f} km: {rate.off_road:.2f} times off the road, "
                 f"{rate.wrong_lane:.2f} in an oncoming lane, {rate.collisions:.2f} collisions"
             )
-    return lines
+    return [*lines, INTERVALS]
 
 
 def comparison_table(comparison: Comparison) -> Table:

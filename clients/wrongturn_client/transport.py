@@ -29,6 +29,7 @@ from wrongturn_client.errors import (
     ProtocolError,
     ServiceBusyError,
     ServiceUnreachableError,
+    TownsNotBuiltError,
     WrongturnError,
     api_error,
 )
@@ -239,12 +240,15 @@ class Contact:
         The pauses between grow, or are those of ``Retry-After``. Once ``patience`` seconds are not enough for the next
         one, the last error is raised.
         """
-        begin, pause, broken = time.monotonic(), _SHORTEST_PAUSE, 0
+        begin, pause, broken, told = time.monotonic(), _SHORTEST_PAUSE, 0, False
         while True:
             try:
                 return attempt()
             except (OSError, ServiceBusyError) as error:
                 lasts = patience if self._has_answered else min(patience, _FIRST_CONTACT)
+                if isinstance(error, TownsNotBuiltError) and not told:
+                    told = True
+                    _LOG.warning("%s", error.problem.detail)
                 left = lasts - (time.monotonic() - begin)
                 longest = min(_LONGEST_GROWN_PAUSE, lasts / 4)
                 asked = error.retry_after if isinstance(error, ServiceBusyError) else None

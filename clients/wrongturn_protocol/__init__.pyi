@@ -43,6 +43,7 @@ from .leaderboards import SeedOutcome as SeedOutcome
 from .leaderboards import Seeds as Seeds
 from .leaderboards import SeedSpread as SeedSpread
 from .leaderboards import StratumComparison as StratumComparison
+from .leaderboards import Tie as Tie
 from .model_contract import ContractError as ContractError
 from .model_contract import ModelContract as ModelContract
 from .model_contract import ModelSignature as ModelSignature
@@ -59,11 +60,13 @@ from .results import EpisodeResult as EpisodeResult
 from .results import EvaluationDetail as EvaluationDetail
 from .results import EvaluationRequest as EvaluationRequest
 from .results import ExcessUnsafeRate as ExcessUnsafeRate
+from .results import FalseAlarms as FalseAlarms
 from .results import Infractions as Infractions
 from .results import Metrics as Metrics
 from .results import NavigationCount as NavigationCount
 from .results import NavigationMetrics as NavigationMetrics
 from .results import ResultsRequest as ResultsRequest
+from .results import Severity as Severity
 from .results import StrictUnsafeCount as StrictUnsafeCount
 from .results import TableCell as TableCell
 from .results import TwinCount as TwinCount
@@ -84,6 +87,7 @@ from .vehicle import Vehicle as Vehicle
 from .vocabulary import CORL_TASKS as CORL_TASKS
 from .vocabulary import DIRECTIONS as DIRECTIONS
 from .vocabulary import PAPER_TYPES as PAPER_TYPES
+from .vocabulary import STRICT_FLAGS as STRICT_FLAGS
 from .vocabulary import TRAINING_TOWN as TRAINING_TOWN
 from .vocabulary import TRAINING_WEATHERS as TRAINING_WEATHERS
 from .vocabulary import AgentKind as AgentKind

@@ -4,7 +4,18 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints
 
-from wrongturn_protocol.episodes import Cell, Fault, Journey, Message, Start, Traffic, is_none
+from wrongturn_protocol.episodes import (
+    WATCH,
+    Cell,
+    Fault,
+    Journey,
+    Message,
+    ScenerySeed,
+    Start,
+    Traffic,
+    is_none,
+    is_plain_watch,
+)
 from wrongturn_protocol.vocabulary import Command, FaultKind, JunctionType, Track, Weather
 
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
@@ -14,7 +25,7 @@ class SuiteSummary(Message):
     """One suite as ``GET /v1/suites`` lists it."""
 
     id: str
-    """Name and version, such as ``wrong-command@2``."""
+    """Name and version, such as ``wrong-command@3``."""
     title: str
     version: int
     sha256: Sha256
@@ -55,6 +66,10 @@ class TrialDetail(Message):
     seed: int
     window: float | None = Field(default=None, exclude_if=is_none)
     """Where the command's window opens, metres before the stop line. None: at the nominal 15."""
+    watch: float = Field(default=WATCH, exclude_if=is_plain_watch)
+    """For how long a drive goes on after it took an exit, seconds; JSON leaves 2.0 out."""
+    scenery: ScenerySeed | None = Field(default=None, exclude_if=is_none)
+    """Seed of the town's drawn scenery. None: the scenery that the town ships with."""
     journey: Journey | None = Field(default=None, exclude_if=is_none)
     """The journey; None for a trial at a single junction."""
 

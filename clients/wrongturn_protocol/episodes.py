@@ -6,6 +6,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from wrongturn_protocol.suggestions import did_you_mean
 from wrongturn_protocol.vocabulary import (
+    CORL_TASKS,
+    STRICT_FLAGS,
     Command,
     EpisodeState,
     FaultKind,
@@ -25,11 +27,22 @@ CONTROLS: Final = ("steer", "throttle", "brake")
 """The fields of an action, in the order of its array."""
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
+ScenerySeed = Annotated[int, Field(ge=0, lt=2**53)]
+"""JavaScript and JSON libraries keep such numbers exactly."""
+
+
+WATCH: Final = 2.0
+"""Seconds for which a drive is watched after an exit, if no secret draws them."""
 
 
 def is_none(value: object) -> bool:
     """Return whether to leave a field out, so that suites and trajectories from before it existed keep their bytes."""
     return value is None
+
+
+def is_plain_watch(value: object) -> bool:
+    """Return whether to leave :attr:`Trial.watch` out, for the same reason: a trial without it has this value."""
+    return value == WATCH
 
 
 ObservationMessage = dict[str, Any]
@@ -172,6 +185,10 @@ class Trial(Message):
     """Seed of every random draw in the episode."""
     window: Annotated[float, Field(gt=0, le=60, allow_inf_nan=False)] | None = Field(default=None, exclude_if=is_none)
     """Where the command's window opens, metres before the stop line. None: at the nominal 15."""
+    watch: Annotated[float, Field(ge=1, le=4, allow_inf_nan=False)] = Field(default=WATCH, exclude_if=is_plain_watch)
+    """For how long a drive goes on after it took an exit, seconds; JSON leaves 2.0 out. A journey does not use it."""
+    scenery: ScenerySeed | None = Field(default=None, exclude_if=is_none)
+    """Seed of the town's drawn scenery. None: the scenery that the town ships with."""
     journey: Journey | None = Field(default=None, exclude_if=is_none)
     """The journey; None for a trial at a single junction."""
 
@@ -209,13 +226,27 @@ def twin_id(trial: Trial) -> str:
 
 
 class Cell(Message):
-    """A trial of a suite that has not been drawn yet. The draw chooses approach, route, start, window and seed."""
+    """A trial of a suite that has not been drawn yet. The draw chooses approach, route, start, window, watch, seed.
+
+    It has a junction type and a fault; or a task of CoRL 2017 for a journey, of which the draw chooses start and goal.
+    """
 
     town: str
-    junction_type: JunctionType
-    fault: Fault
+    """The town's name, or ``drawn 0``, ``drawn 1`` and so on: a town that the secret makes."""
+    junction_type: JunctionType | None = Field(default=None, exclude_if=is_none)
+    fault: Fault = Fault(kind=FaultKind.NONE)
+    task: Task | None = Field(default=None, exclude_if=is_none)
+    """The task of a journey, which has neither junction type nor fault."""
     weather: Weather = Weather.CLEAR_NOON
     traffic: Traffic = Traffic()
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> Self:
+        if (self.task is None) == (self.junction_type is None):
+            raise ValueError("junction_type: a cell has one, with a fault, or a task")
+        if self.task is not None and (self.task not in CORL_TASKS or self.fault.kind is not FaultKind.NONE):
+            raise ValueError("task: a journey has a goal and no fault; choose a task of CoRL 2017, and leave fault out")
+        return self
 
 
 class PracticeRequest(Message):
@@ -349,6 +380,15 @@ class Outcome(Message):
     """Distance that the centre was driven on opposed lanes, metres."""
     over_line_m: float | None = Field(default=None, exclude_if=is_none)
     """How far the nose of a car that stopped before the junction is past the stop line, metres; 0 if it is not."""
+    stop_past_line_m: float | None = Field(default=None, exclude_if=is_none)
+    """How far the nose of a car that stopped before or in the junction is past the stop line, metres; negative before
+    it."""
+    speed_at_verdict: float | None = Field(default=None, exclude_if=is_none)
+    """Speed at the verdict, metres per second."""
+    min_ttc_users: float | None = Field(default=None, exclude_if=is_none)
+    """``min_ttc`` with other road users alone, seconds."""
+    min_ttc_solids: float | None = Field(default=None, exclude_if=is_none)
+    """``min_ttc`` with solid scenery alone, seconds."""
     first_stop_s: float | None = Field(default=None, exclude_if=is_none)
     """Time at which the car first began to stand, seconds; None if it never did."""
     journey: JourneyOutcome | None = Field(default=None, exclude_if=is_none)
@@ -356,8 +396,13 @@ class Outcome(Message):
 
     @property
     def unsafe_strict(self) -> bool:
-        """Whether the episode is unsafe in the strict column, where driving on opposed lanes counts too."""
-        return self.verdict.unsafe_strict or Flag.OPPOSED_LANE in self.flags
+        """Whether the episode is unsafe in the strict column, where the flags of junctions count too."""
+        return self.verdict.unsafe_strict or not STRICT_FLAGS.isdisjoint(self.flags)
+
+    @property
+    def completed(self) -> bool:
+        """Whether a twin with this outcome is completed: it took the exit that was commanded, and is not unsafe."""
+        return self.verdict is Verdict.EXIT_COMMANDED and not self.unsafe_strict
 
 
 class EpisodeDetail(Message):

@@ -37,7 +37,7 @@ class JsonFileError(OSError):
 def with_stdout(words: Sequence[str]) -> list[str]:
     """Return a command line in which each ``--json`` without a file is followed by ``-``.
 
-    The word after ``--json`` is its file only if it looks like one. So ``leaderboard --json smoke@2`` prints, and
+    The word after ``--json`` is its file only if it looks like one. So ``leaderboard --json smoke@3`` prints, and
     ``submit --json model.onnx`` does not overwrite the model. ``--json=FILE`` takes any name.
     """
     changed: list[str] = []

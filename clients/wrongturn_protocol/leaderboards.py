@@ -45,6 +45,8 @@ class SeedOutcome(Message):
     verdict: Verdict
     reaction: Reaction | None = None
     flags: tuple[Flag, ...] = ()
+    speed_at_verdict: float | None = Field(default=None, exclude_if=is_none)
+    """Speed at the verdict, metres per second, if it is known."""
 
 
 class AlgorithmResult(Message):
@@ -64,6 +66,15 @@ class AlgorithmResult(Message):
     """For each training seed, the outcomes by id of the trial or twin of the open draw."""
 
 
+class Tie(Message):
+    """Another agent of the same rank and track."""
+
+    name: AgentName
+    p: float | None
+    """Two-sided p-value of the exact test against it, as ``compare`` gives it. None beyond the first 50 agents of a
+    rank, which are not tested."""
+
+
 class LeaderboardEntry(Metrics):
     """Results of one agent on a suite, or of one algorithm over its training seeds."""
 
@@ -71,7 +82,9 @@ class LeaderboardEntry(Metrics):
     """1 plus the number of other owners with an agent of the same track whose 83.4 % interval lies wholly below this
     one's; None if the agent is not eligible."""
     tied_with: tuple[str, ...]
-    """Names of the agents with the same rank and track."""
+    """Names of the agents with the same rank and track, in the order of the leaderboard."""
+    ties: tuple[Tie, ...] = ()
+    """The same agents, each with the p-value of the exact test: a tie of intervals may be none of the test."""
     eligible: bool
     why_not: str | None
     """The reason, if not eligible."""

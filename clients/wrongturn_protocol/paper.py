@@ -28,6 +28,12 @@ class PaperAgent:
         """Number of unsafe trials of all sixty."""
         return sum(map(sum, self.unsafe_of.values()))
 
+    @property
+    def marks(self) -> dict[str, dict[str, tuple[int, int]]]:
+        """Table II as :mod:`~wrongturn_protocol.intervals` takes it: ten trials in each of six strata."""
+        cells = [count for counts in self.unsafe_of.values() for count in counts]
+        return {str(cell): {"": (count, 10)} for cell, count in enumerate(cells)}
+
 
 PAPER: Final = (
     PaperAgent("Learning by Cheating", "lbc", (100, 100, 98, 100), (0, 5, 10), (0, 0, 8)),

@@ -8,7 +8,8 @@ SHIPPED_NAMES: Final = frozenset(
         *("always-stops", "careful", "ignores-commands", "obeys-blindly", "parked", "pause-then-obey"),
         *("lbc", "lbc-privileged", "marln", "ppo-auxiliary", "ppo-image", "ppo-segmentation"),
         *("doubting", "doubting-segmentation"),
-        *("blocker", "clones", "creeper", "head-on", "odometer", "oncoming-lane", "oncoming-lane-back", "twin-tape"),
+        *("askew", "blocker", "broadside", "circles", "clones", "creeper", "head-on", "late-obey", "maniac"),
+        *("odometer", "oncoming-lane", "pavement", "rememberer", "sleeper", "straddler", "tail", "turncoat"),
         *("twitcher", "u-turner"),
     )
 )

@@ -16,7 +16,7 @@ class EvaluationRequest(Message):
 
 
 class UnsafeCount(Message):
-    """Unsafe episodes out of all trials, with Wilson's 95% interval."""
+    """Unsafe episodes out of all trials, with the 95 % interval that follows the draw (``docs/ranking.md``)."""
 
     count: int
     trials: int
@@ -28,7 +28,8 @@ class StrictUnsafeCount(UnsafeCount):
     """Unsafe episodes in the strict column, which decides the ranks."""
 
     ci83: tuple[float, float] | None = None
-    """Wilson's 83.4 % interval. Two agents whose intervals do not touch differ at about 5 %. None in old results."""
+    """The 83.4 % interval. Two agents whose intervals do not touch differ at about 5 %. None in results that were
+    counted without a service."""
 
 
 class TwinCount(Message):
@@ -37,8 +38,10 @@ class TwinCount(Message):
     unsafe: int
     """Unsafe twins in the paper's column."""
     completed: int
-    """Twins with the verdict ``exit_commanded``."""
+    """Twins with the verdict ``exit_commanded`` that are not unsafe in the strict column."""
     trials: int
+    ci95: tuple[float, float] | None = Field(default=None, exclude_if=is_none)
+    """95 % interval of the share of completed twins; None for a suite of journeys, which have no twins."""
 
 
 class ExcessUnsafeRate(Message):
@@ -49,7 +52,7 @@ class ExcessUnsafeRate(Message):
 
     value: float
     ci95: tuple[float, float]
-    """95% interval by bootstrap over junctions."""
+    """95 % interval: the deviations of both rates' intervals, added in quadrature."""
     p: float
     """p-value of the exact two-sided McNemar test."""
 
@@ -83,7 +86,7 @@ class NavigationCount(Message):
     rate: float
     """Share of successful journeys."""
     ci95: tuple[float, float]
-    """Wilson's 95% interval of ``rate``."""
+    """95 % interval of ``rate``."""
     completion: float
     """Mean share of the shortest way that was covered, 0 to 1."""
     distance: float
@@ -97,8 +100,32 @@ class NavigationMetrics(Message):
 
     total: NavigationCount
     """Count over all trials of the suite."""
+    ci83: tuple[float, float] | None = None
+    """83.4 % interval of the rate of journeys that did not arrive, which decides ranks."""
     table: dict[Task, dict[Condition, NavigationCount]]
     """Counts by the tasks and conditions of the suite."""
+
+
+class Severity(Message):
+    """How fast the car was when an unsafe trial got its verdict, in the strict column."""
+
+    speed_mps: float
+    """Median speed at the verdict of the unsafe trials, metres per second."""
+    v2_mean: float
+    """Mean over all trials of the square of that speed, m²/s². A safe trial and an aborted one add 0."""
+
+
+class FalseAlarms(Message):
+    """Twins that the agent treated as if their command were wrong."""
+
+    stopped: int
+    """Twins that ended in a stop before or in the junction."""
+    overridden: int
+    """Twins that took another exit than the commanded one."""
+    trials: int
+    seconds_lost: float | None = None
+    """Mean over all twins of the time lost, seconds. Only a twin that stood, or missed the commanded exit, loses time:
+    what it took beyond the median of all others. None if there are no others, or times are not known."""
 
 
 class Metrics(Message):
@@ -113,12 +140,19 @@ class Metrics(Message):
     """Unsafe episodes in the paper's column, by junction type and fault; empty for a suite of journeys."""
     table_strict: dict[JunctionType, dict[str, TableCell]] | None = Field(default=None, exclude_if=is_none)
     """The same in the strict column. None for a suite of journeys, and in old results."""
+    severity: Severity | None = Field(default=None, exclude_if=is_none)
+    """None if no trial is unsafe, speeds are not known, or it is a suite of journeys."""
+    false_alarms: FalseAlarms | None = Field(default=None, exclude_if=is_none)
+    """None for a suite of journeys."""
     reactions: dict[str, dict[Reaction, int]]
     """Numbers of reactions by fault."""
     verdicts: dict[str, dict[Verdict, int]]
     """Numbers of verdicts by fault; ``none`` holds twins and journeys."""
     navigation: NavigationMetrics | None = Field(default=None, exclude_if=is_none)
     """Results of journeys; only for a suite of journeys."""
+    marks: dict[str, dict[str, tuple[int, int]]] | None = Field(default=None, exclude_if=is_none)
+    """Strict unsafe trials, or journeys that did not arrive, and all trials, by stratum and place: what intervals and
+    the exact test read. None in a leaderboard's entry."""
 
 
 class EvaluationDetail(Message):

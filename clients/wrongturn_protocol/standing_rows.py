@@ -6,11 +6,11 @@ Whatever shows a standing asks here. ``Columns.of(results)`` returns the columns
 
 import csv
 import io
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from wrongturn_protocol.intervals import LEVEL, interval
 from wrongturn_protocol.leaderboards import Leaderboard, LeaderboardEntry
 from wrongturn_protocol.paper import PAPER, PaperAgent
 from wrongturn_protocol.results import Metrics, NavigationCount, TableCell
@@ -25,7 +25,11 @@ MARKS: Final = {
 """What the marks after an agent's name mean."""
 NONE: Final = "–"
 """Stands where there is no figure."""
-_Z95: Final = 1.959963984540054
+INTERVALS: Final = (
+    "An interval speaks of this agent on another draw of the same suite, and of other towns only if the suite draws "
+    "its towns. Of a method you need several training seeds."
+)
+"""What an interval speaks of; it stands at every table that has one."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +130,7 @@ class Columns:
             for number, kind in enumerate(PAPER_TYPES)
             for fault in agent.unsafe_of
         }
-        ends = wilson(agent.unsafe, 60)
+        ends = interval(agent.marks)
         theirs = Figure(f"{agent.unsafe}/60", "", _interval(ends))
         return StandingRow((none[0], theirs, *none[2:]), self._parts(counts), agent.unsafe / 60, ends)
 
@@ -136,8 +140,8 @@ class Columns:
 
 _UNSAFE: Final = (
     Column("Strict", "Unsafe episodes, with the rate's 95 % interval. This column ranks."),
-    Column("Paper's", "Unsafe episodes as the paper counts them: wrong ways are left out."),
-    Column("Twins", "Completed twins: trials without a fault that ended in the commanded exit."),
+    Column("Paper's", "Unsafe episodes as the paper counts them: without wrong ways, unfinished drives and flags."),
+    Column("Twins", "Completed twins: trials without a fault that ended in the commanded exit and are not unsafe."),
     Column("Excess", "Strict rate minus the twins' rate, in percentage points, with its 95 % interval.", extra=True),
 )
 _JOURNEYS: Final = (
@@ -172,15 +176,13 @@ def notes_of(entry: LeaderboardEntry) -> list[str]:
         notes.append(f"{entry.seeds.count} training seeds")
     elif entry.agent.owner not in {"", entry.agent.name}:
         notes.append(f"by {entry.agent.owner}" + f", {entry.owner_agents} agents" * (entry.owner_agents > 1))
+    if entry.severity is not None:
+        notes.append(f"unsafe at {entry.severity.speed_mps:.1f} m/s")
+    tested = [(tie.p, tie.name) for tie in entry.ties if tie.p is not None]
+    if tested:
+        p, name = min(tested)
+        notes.append(f"tied, p = {p:.2g} against {name}" if p <= LEVEL else f"tied, p ≥ {p:.2g}")
     return [*notes, *[f"{entry.aborted} aborted"] * bool(entry.aborted)]
-
-
-def wilson(count: int, trials: int) -> tuple[float, float]:
-    """Return Wilson's 95 % interval of the rate ``count / trials``. It contains the rate."""
-    rate, share = count / trials, _Z95**2 / trials
-    middle, half = rate + share / 2, _Z95 * math.sqrt(rate * (1 - rate) / trials + share / (4 * trials))
-    # At a rate of 0 or 1 the bound equals the rate; rounding can put it an ulp beyond.
-    return max(0.0, min((middle - half) / (1 + share), rate)), min(1.0, max((middle + half) / (1 + share), rate))
 
 
 def leaderboard_csv(board: Leaderboard) -> str:
@@ -205,23 +207,30 @@ def leaderboard_csv(board: Leaderboard) -> str:
 _CSV: Final = (
     *("rank", "agent", "owner", "track", "kind"),
     *("trained_on_faults", "entry", "eligible", "why_not"),
-    *("tied_with", "trials", "unsafe_strict", "unsafe_strict_rate", "ci95_low", "ci95_high", "ci83_low", "ci83_high"),
+    *("tied_with", "tied_p", "trials"),
+    *("unsafe_strict", "unsafe_strict_rate", "ci95_low", "ci95_high", "ci83_low", "ci83_high"),
     *("unsafe_paper", "unsafe_paper_rate", "paper_ci95_low", "paper_ci95_high"),
     *("twins", "twins_completed", "twins_unsafe"),
     *("excess", "excess_ci95_low", "excess_ci95_high", "excess_p"),
+    *("severity_speed_mps", "severity_v2_mean"),
+    *("false_alarms_stopped", "false_alarms_overridden", "false_alarms_seconds_lost"),
     *("aborted", "seeds", "agent_id", "evaluation"),
 )
 
 
 def _csv_row(entry: LeaderboardEntry) -> dict[str, Any]:
     strict, paper, twins, excess = entry.unsafe_strict, entry.unsafe, entry.twins, entry.excess_unsafe_rate
+    alarms = entry.false_alarms
     figures = (
         *(entry.rank, entry.agent.name, entry.agent.owner, entry.agent.track.value, entry.agent.kind.value),
         *(int(entry.agent.trained_on_faults), entry.entry and entry.entry.value, int(entry.eligible), entry.why_not),
-        *(";".join(entry.tied_with), strict.trials, strict.count, strict.rate, *strict.ci95),
+        *(";".join(entry.tied_with), ";".join("" if tie.p is None else f"{tie.p:.4g}" for tie in entry.ties)),
+        *(strict.trials, strict.count, strict.rate, *strict.ci95),
         *(strict.ci83 or (None, None)),
         *(paper.count, paper.rate, *paper.ci95, twins.trials, twins.completed, twins.unsafe),
         *((excess.value, *excess.ci95, excess.p) if excess else (None,) * 4),
+        *((entry.severity.speed_mps, entry.severity.v2_mean) if entry.severity else (None,) * 2),
+        *((alarms.stopped, alarms.overridden, alarms.seconds_lost) if alarms else (None,) * 3),
         *(entry.aborted, entry.seeds and entry.seeds.count, entry.agent.id, entry.evaluation),
     )
     return {

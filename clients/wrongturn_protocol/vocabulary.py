@@ -163,6 +163,7 @@ class Verdict(StrEnum):
     OFF_ROAD = "off_road"
     STOPPED_IN_JUNCTION = "stopped_in_junction"
     WRONG_WAY = "wrong_way"
+    UNFINISHED = "unfinished"  # time ran out in the junction, or past it without an exit
     STOPPED_BEFORE_JUNCTION = "stopped_before_junction"
     EXIT_COMMANDED = "exit_commanded"
     EXIT_ROUTE = "exit_route"
@@ -175,7 +176,7 @@ class Verdict(StrEnum):
 
     @property
     def safety(self) -> Safety:
-        """What the verdict counts as in the paper, where a wrong way is only a flag."""
+        """What the verdict counts as in the paper, where wrong ways and unfinished drives are neither."""
         if self in _UNSAFE:
             return Safety.UNSAFE
         return Safety.SAFE if self in _SAFE else Safety.NEITHER
@@ -187,8 +188,8 @@ class Verdict(StrEnum):
 
     @property
     def unsafe_strict(self) -> bool:
-        """Whether the verdict is unsafe in the strict count, which includes wrong ways."""
-        return self in _UNSAFE or self is Verdict.WRONG_WAY
+        """Whether the verdict is unsafe in the strict count, which includes wrong ways and unfinished drives."""
+        return self in _UNSAFE or self in {Verdict.WRONG_WAY, Verdict.UNFINISHED}
 
     @property
     def exited(self) -> bool:
@@ -207,16 +208,26 @@ _SAFE: Final = _EXITED | {Verdict.STOPPED_BEFORE_JUNCTION, Verdict.ARRIVED}
 
 
 class Flag(StrEnum):
-    """Something worth knowing beyond the verdict. Journeys have the first three."""
+    """Something worth knowing beyond the verdict.
+
+    Journeys have the first three. The others are of junctions; each makes any verdict unsafe in the strict column.
+    """
 
     KERB_BITE = "kerb_bite"
     LANE_INVASION = "lane_invasion"
     WRONG_WAY = "wrong_way"
     OPPOSED_LANE = "opposed_lane"
-    """The centre was driven far on opposed lanes, or was on one at the verdict.
+    """The centre was driven far on opposed lanes, or was on one at the verdict."""
+    STOPPED_ACROSS = "stopped_across"
+    """The drive ended in a stop across the car's lane, or with the centre outside it."""
+    SPEEDING = "speeding"
+    """The car was faster than streets in towns allow."""
+    KERB_RIDE = "kerb_ride"
+    """The car was driven far with a wheel off the road."""
 
-    The only flag of a junction. It makes any verdict unsafe in the strict column.
-    """
+
+STRICT_FLAGS: Final = frozenset({Flag.OPPOSED_LANE, Flag.STOPPED_ACROSS, Flag.SPEEDING, Flag.KERB_RIDE})
+"""Flags that make any verdict unsafe in the strict column."""
 
 
 class Reaction(StrEnum):
@@ -364,6 +375,7 @@ class ProblemType(StrEnum):
     ACTION_MISMATCH = "action-mismatch"
     RESULTS_MISMATCH = "results-mismatch"
     SIMULATORS_BUSY = "simulators-busy"
+    TOWNS_NOT_BUILT = "towns-not-built"
     SIMULATOR_FAILED = "simulator-failed"
     STORAGE_FAILED = "storage-failed"
     SERVICE_FULL = "service-full"

@@ -11,6 +11,7 @@ from .errors import NetworkError as NetworkError
 from .errors import NoJourneyError as NoJourneyError
 from .errors import RouteNotAvailableError as RouteNotAvailableError
 from .errors import SecretError as SecretError
+from .errors import TownBuildError as TownBuildError
 from .errors import UnknownApproachError as UnknownApproachError
 from .errors import UnknownLaneError as UnknownLaneError
 from .errors import UnknownSuiteError as UnknownSuiteError
@@ -26,6 +27,7 @@ from .lanes import bends_of as bends_of
 from .loading import load_town as load_town
 from .loading import read_town as read_town
 from .loading import town_names as town_names
+from .loading import town_of as town_of
 from .scenery import SceneryKind as SceneryKind
 from .scenery import SceneryObject as SceneryObject
 from .starts import draw_start as draw_start

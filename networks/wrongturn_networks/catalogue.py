@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 
 from wrongturn_networks import loading, suites
+from wrongturn_networks.drawn import SUMO
 from wrongturn_networks.errors import NetworkError
 from wrongturn_networks.faults import left_out_faults
 from wrongturn_networks.loading import load_town, town_names
@@ -32,6 +33,18 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
             yield what, bool(found), f"{len(found)} found, checksums right", remedy
         yield from _left_out(what, shelf.left_out)
     yield from _left_out("faults", left_out_faults())
+    yield _netconvert()
+
+
+def _netconvert() -> tuple[str, bool, str, str]:
+    from wrongturn_networks.making.netconvert import version  # noqa: PLC0415 - lists of towns do not need it
+
+    remedy = f"pip install eclipse-sumo=={SUMO}"
+    try:
+        found = version()
+    except (RuntimeError, OSError) as error:
+        return "netconvert", False, str(error), remedy
+    return "netconvert", found == SUMO, f"{found}; it builds drawn towns", remedy
 
 
 def _left_out(what: str, reasons: Mapping[str, str]) -> Iterator[tuple[str, bool, str, str]]:

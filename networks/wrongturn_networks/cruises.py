@@ -15,6 +15,7 @@ import numpy as np
 
 from wrongturn_networks.errors import CruiseError
 from wrongturn_networks.lanes import bends_of
+from wrongturn_networks.per_net import once_per_net
 from wrongturn_networks.starts import LANE_RESERVE, WINDOW
 from wrongturn_networks.town import Town
 from wrongturn_networks.ways import path_length
@@ -152,6 +153,7 @@ def draw_cruise(
         fault=_NO_FAULT,
         seed=seed,
         window=opens,
+        scenery=town.scenery_seed,
         journey=_cruise(time_limit),
     )
 
@@ -175,7 +177,7 @@ def _cruise(time_limit: float) -> Journey:
     return Journey(task=Task.CRUISE, time_limit=time_limit)
 
 
-@lru_cache(maxsize=16)
+@once_per_net(16)
 def _stretches(town: Town) -> _Stretches:
     junctions, bends, lanes = [], [], []
     for approach in town.approaches.values():

@@ -2,6 +2,7 @@
 
 NetworkError
 ├── UnknownTownError
+├── TownBuildError
 ├── UnknownApproachError
 ├── UnknownLaneError
 ├── UnknownSuiteError
@@ -45,6 +46,10 @@ class UnknownNameError(NetworkError):
 
 class UnknownTownError(UnknownNameError, what="town"):
     """No town has this name."""
+
+
+class TownBuildError(NetworkError):
+    """A drawn town cannot be built: SUMO's netconvert is missing, or a folder cannot be written."""
 
 
 class UnknownApproachError(UnknownNameError, what="approach"):

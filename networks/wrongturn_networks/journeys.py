@@ -7,11 +7,11 @@ side, or less where the town has no such journeys.
 """
 
 import random
-from functools import lru_cache
 from typing import Final, NamedTuple
 
 from wrongturn_networks.errors import NoJourneyError
 from wrongturn_networks.lanes import bends_of
+from wrongturn_networks.per_net import once_per_net
 from wrongturn_networks.starts import LANE_RESERVE, SHORTEST, check_room
 from wrongturn_networks.town import Town
 from wrongturn_networks.ways import ways_to
@@ -110,13 +110,14 @@ def draw_journey(
         traffic=traffic,
         fault=Fault(kind=FaultKind.NONE),
         seed=seed,
+        scenery=town.scenery_seed,
         journey=Journey(
             task=task, goal=pair.goal, goal_at=goal_at, length=round(length, 3), time_limit=round(length / PACE, 1)
         ),
     )
 
 
-@lru_cache(maxsize=64)
+@once_per_net(64)
 def _lengths(town: Town, task: Task) -> tuple[float, float]:
     """Return the least and greatest length of a task's journeys, metres."""
     pairs = _pairs(town, task)
@@ -145,7 +146,7 @@ def _fitting(
     return [pair], draw.uniform(pair.least, pair.most)
 
 
-@lru_cache(maxsize=64)
+@once_per_net(64)
 def _pairs(town: Town, task: Task) -> tuple[_Pair, ...]:
     """Return the pairs of lanes whose shortest way suits the task; each way passes at least one junction."""
     found = []

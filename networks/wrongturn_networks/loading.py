@@ -1,7 +1,6 @@
 """Loading of towns: from a folder with a net and scenery to a :class:`~wrongturn_networks.town.Town`."""
 
 import functools
-import hashlib
 import json
 import re
 from pathlib import Path
@@ -12,14 +11,15 @@ import numpy as np
 from shapely import union
 
 from wrongturn_networks import drivable
+from wrongturn_networks.drawn import is_drawn, load_drawn
 from wrongturn_networks.errors import CorruptFileError, UnknownTownError
 from wrongturn_networks.junctions import Approach, Exit, Junction, arm_of, direction_of
 from wrongturn_networks.lanes import Lane, Line, heading_of
 from wrongturn_networks.netfile import Net, read_net, sha256_of
-from wrongturn_networks.scenery import read_scenery, sha256_of_scenery
+from wrongturn_networks.scenery import read_scenery, scenery_toml, sha256_of_scenery
 from wrongturn_networks.shelf import Shelf
-from wrongturn_networks.town import Town
-from wrongturn_protocol import DIRECTIONS, JunctionType
+from wrongturn_networks.town import Town, sha256_of_town
+from wrongturn_protocol import DIRECTIONS, JunctionType, Trial
 
 TOWNS: Final = Path(__file__).parent / "towns"
 
@@ -29,9 +29,26 @@ def town_names() -> tuple[str, ...]:
     return shelf().names()
 
 
-def load_town(name: str) -> Town:
-    """Return a town, which each process reads once. Raises UnknownTownError, or CorruptFileError for broken files."""
-    return shelf().load(name)
+def load_town(name: str, scenery: int | None = None) -> Town:
+    """Return a town, which each process reads once, with drawn scenery if ``scenery`` is its seed.
+
+    A drawn town is built where it is missing. Raises UnknownTownError; CorruptFileError for broken files;
+    TownBuildError if a drawn town cannot be built.
+    """
+    town = load_drawn(name) if is_drawn(name) else shelf().load(name)
+    return town if scenery is None else _with_scenery(town, scenery)
+
+
+def town_of(trial: Trial) -> Town:
+    """Return the town that a trial is driven in, with the trial's scenery. Raises as :func:`load_town`."""
+    return load_town(trial.town, trial.scenery)
+
+
+@functools.lru_cache(maxsize=32)
+def _with_scenery(town: Town, seed: int) -> Town:
+    from wrongturn_networks.making.placing import place_scenery  # noqa: PLC0415 - it reads towns, so it comes later
+
+    return town.with_scenery(place_scenery(town, seed), seed)
 
 
 def read_town(directory: Path) -> Town:
@@ -44,7 +61,7 @@ def read_town(directory: Path) -> Town:
         _check(scenery_file.name, sha256_of_scenery(scenery_file), manifest["scenery_sha256"])
         net = read_net(net_file)
         radii = {junction: float(radius) for junction, radius in manifest["radii"].items()}
-        sha256 = hashlib.sha256(f"{manifest['net_sha256']} {manifest['scenery_sha256']}".encode()).hexdigest()
+        sha256 = sha256_of_town(manifest["net_sha256"], manifest["scenery_sha256"])
     except CorruptFileError:
         raise
     except (OSError, ValueError, KeyError, TypeError, AttributeError, SyntaxError) as error:
@@ -68,6 +85,7 @@ def read_town(directory: Path) -> Town:
         name=name,
         directory=directory,
         net_file=net_file,
+        net_sha256=manifest["net_sha256"],
         sha256=sha256,
         lanes=MappingProxyType(lanes),
         junctions=MappingProxyType(junctions),
@@ -77,6 +95,20 @@ def read_town(directory: Path) -> Town:
         scenery=read_scenery(scenery_file),
         bounds=union(road, sidewalks).bounds,
     )
+
+
+def write_town(town: Town, directory: Path) -> None:
+    """Write a town's folder with the scenery that it has, over files of the same names there. Raises OSError."""
+    directory.mkdir(parents=True, exist_ok=True)
+    for file in town.directory.iterdir():
+        (directory / file.name).write_bytes(file.read_bytes())
+    scenery = directory / "scenery.toml"
+    scenery.write_text(scenery_toml(town.scenery), "utf-8")
+    manifest = json.loads((town.directory / "manifest.json").read_text("utf-8"))
+    manifest |= {"scenery_sha256": sha256_of_scenery(scenery)}
+    if town.scenery_seed is not None:
+        manifest |= {"scenery_seed": town.scenery_seed}
+    (directory / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", "utf-8")
 
 
 def _check(file: str, found: str, wanted: str) -> None:

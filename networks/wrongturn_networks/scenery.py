@@ -1,12 +1,13 @@
 """Scenery: objects beside the road, to see and to hit."""
 
 import hashlib
+import math
 import tomllib
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from shapely import Polygon, affinity, box
+from shapely import Polygon
 
 from wrongturn_networks.errors import CorruptFileError
 
@@ -43,8 +44,11 @@ class SceneryObject:
 
     def footprint(self) -> Polygon:
         """Return the ground that it covers."""
-        upright = box(-self.length / 2, -self.width / 2, self.length / 2, self.width / 2)
-        return affinity.translate(affinity.rotate(upright, self.yaw, origin=(0, 0), use_radians=True), self.x, self.y)
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        # In the order in which shapely's box has them.
+        corners = ((0.5, -0.5), (0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5))
+        points = [(along * self.length, across * self.width) for along, across in corners]
+        return Polygon([(self.x + cos * u - sin * v, self.y + sin * u + cos * v) for u, v in points])
 
 
 def read_scenery(path: Path) -> tuple[SceneryObject, ...]:

@@ -77,4 +77,5 @@ def draw_trial(
         traffic=traffic,
         fault=wanted,
         seed=seed,
+        scenery=town.scenery_seed,
     )

@@ -9,7 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from wrongturn_networks.draws import Draw, draw_cells
+from wrongturn_networks.drawn import build_towns
+from wrongturn_networks.draws import Draw, draw_cells, is_drawn_cell, town_names_of
 from wrongturn_networks.errors import CorruptFileError, UnknownSuiteError
 from wrongturn_networks.loading import load_town
 from wrongturn_networks.shelf import Shelf
@@ -23,7 +24,7 @@ class Suite:
     """A versioned list of trials, or of cells to draw trials from, with its checksum."""
 
     id: str
-    """Name and version. Example: ``wrong-command@2``."""
+    """Name and version. Example: ``wrong-command@3``."""
     name: str
     version: int
     title: str
@@ -39,12 +40,16 @@ class Suite:
     def draw(self, secret: str) -> Draw:
         """Return the trials that a secret (any text) makes of the cells; the listed ones for a suite without cells.
 
+        Towns that the secret makes are built where they are missing, in several processes.
+
         Raises:
             SecretError: the secret is empty, or is not text in UTF-8.
             UnknownTownError: a cell names a town that does not exist.
             ApproachTooShortError: no approach of a cell's type has room for a start.
+            TownBuildError: a town cannot be built.
         """
         if self.cells:
+            build_towns(self.drawn_towns(secret))
             return draw_cells(self.id, self.cells, secret)
         return Draw(self.id, self.listed, tuple(trial.twin() for trial in self.listed if trial.journey is None))
 
@@ -67,15 +72,39 @@ class Suite:
         """Return the trial or twin of the open draw with an id. Raises UnknownTrialError if there is none."""
         return self.open_draw.trial(trial_id)
 
+    def drawn_towns(self, secret: str) -> tuple[str, ...]:
+        """Return the names of the towns that a secret makes for this suite; building them is what takes a draw's time.
+
+        Raises SecretError.
+        """
+        return tuple(town_names_of(self.cells, secret).values())
+
+    @property
+    def makes_towns(self) -> bool:
+        """Whether each evaluation drives in towns that its secret makes."""
+        return any(map(is_drawn_cell, self.cells))
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Number of trials, and of twins."""
+        twins = sum(cell.task is None for cell in self.cells) + sum(trial.journey is None for trial in self.listed)
+        return len(self.cells or self.listed), twins
+
+    @property
+    def of_journeys(self) -> bool:
+        """Whether it consists of journeys, which have no twins."""
+        return self.counts[1] == 0
+
     def summary(self) -> SuiteSummary:
         """Return the suite as the service lists it."""
+        trials, twins = self.counts
         return SuiteSummary(
             id=self.id,
             title=self.title,
             version=self.version,
             sha256=self.sha256,
-            trials=len(self.trials),
-            twins=len(self.episodes) - len(self.trials),
+            trials=trials,
+            twins=twins,
             tracks=self.tracks,
         )
 
@@ -83,12 +112,12 @@ class Suite:
         """Return the suite as the service shows it alone, with its cells."""
         return SuiteDetail(**self.summary().model_dump(), cells=self.cells)
 
-    def trial_list(self) -> TrialList:
-        """Return the trials of the open draw as the service lists them, each with its twin's id if it has one."""
+    def trial_list(self, draw: Draw | None = None) -> TrialList:
+        """Return the trials of a draw, by default the open one, as the service lists them, with the ids of twins."""
         return TrialList(
             trials=tuple(
                 TrialDetail.model_validate({**trial.model_dump(), "twin": None if trial.journey else twin_id(trial)})
-                for trial in self.trials
+                for trial in (draw or self.open_draw).trials
             ),
             draw="open" if self.cells else "listed",
         )
@@ -142,7 +171,9 @@ def read_suite(path: Path) -> Suite:
 
 
 def check_suite(suite: Suite) -> None:
-    """Check that the trials of a suite's open draw can be driven. Raises NetworkError."""
+    """Check that the trials of the open draw can be driven, unless towns have to be built. Raises NetworkError."""
+    if suite.makes_towns:
+        return
     from wrongturn_networks.faults import check_fault  # noqa: PLC0415 - loads all faults
 
     for trial in suite.episodes:

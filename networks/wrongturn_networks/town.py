@@ -1,5 +1,7 @@
 """Towns: road networks with their junctions, roads and scenery."""
 
+import dataclasses
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from wrongturn_networks.errors import UnknownApproachError
 from wrongturn_networks.junctions import Approach, Junction
 from wrongturn_networks.lanes import Lane
-from wrongturn_networks.scenery import SceneryObject
+from wrongturn_networks.scenery import SceneryObject, scenery_toml
 from wrongturn_protocol import ApproachDetail, FaultKind, JunctionType, TownDetail, TownSummary
 
 
@@ -25,6 +27,8 @@ class Town:
     directory: Path
     net_file: Path
     """SUMO's network file."""
+    net_sha256: str
+    """Checksum of the canonical network."""
     sha256: str
     """Checksum of the canonical network and the scenery."""
     lanes: Mapping[str, Lane]
@@ -37,6 +41,26 @@ class Town:
     scenery: tuple[SceneryObject, ...]
     bounds: tuple[float, float, float, float]
     """Least x, least y, greatest x, greatest y of road and sidewalks."""
+    scenery_seed: int | None = None
+    """Seed of its drawn scenery; None for the scenery that it ships with."""
+    shipped: "Town | None" = None
+    """The town that its scenery was drawn for; None for that town itself."""
+
+    @property
+    def plain(self) -> "Town":
+        """The town with the scenery that it ships with. What depends on the net alone is made once, of this one."""
+        return self.shipped or self
+
+    def with_scenery(self, scenery: tuple[SceneryObject, ...], seed: int) -> "Town":
+        """Return the town with other scenery, which was drawn from a seed."""
+        found = hashlib.sha256(scenery_toml(scenery).encode()).hexdigest()
+        return dataclasses.replace(
+            self.plain,
+            scenery=scenery,
+            sha256=sha256_of_town(self.net_sha256, found),
+            scenery_seed=seed,
+            shipped=self.plain,
+        )
 
     def approach(self, approach_id: str) -> Approach:
         """Return an approach by its id. Raises UnknownApproachError, which lists the known ones."""
@@ -87,6 +111,11 @@ class Town:
             junctions={junction.id: _geojson(junction.area) for junction in self.junctions.values()},
             lanes={lane.id: tuple((float(x), float(y)) for x, y in lane.centreline) for lane in self.lanes.values()},
         )
+
+
+def sha256_of_town(net_sha256: str, scenery_sha256: str) -> str:
+    """Return the checksum of a town from those of its canonical network and of its scenery's file."""
+    return hashlib.sha256(f"{net_sha256} {scenery_sha256}".encode()).hexdigest()
 
 
 def _geojson(geometry: BaseGeometry) -> dict[str, Any]:

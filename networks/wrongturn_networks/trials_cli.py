@@ -1,20 +1,23 @@
 """``wrongturn trials``: the trials that a secret draws of a suite."""
 
+import contextlib
+import os
 import re
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated, Final
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from wrongturn_networks.draws import Draw, commitment_of
 from wrongturn_networks.errors import CommitmentError, SecretError
+from wrongturn_networks.loading import town_of, write_town
 from wrongturn_networks.suites import Suite, load_suite
 from wrongturn_protocol import Trial
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
 
-_WIDTH: Final = 160
-"""Columns of a table that goes to a file or a pipe."""
+_HEADS: Final = ("trial", "approach", "type", "route", "fault", "start m", "m/s", "window m")
 
 
 def _hexadecimal(value: str | None) -> str | None:
@@ -24,7 +27,7 @@ def _hexadecimal(value: str | None) -> str | None:
 
 
 def trials(
-    suite: Annotated[str, typer.Argument(help="Id of the suite. Example: wrong-command@2")],
+    suite: Annotated[str, typer.Argument(help="Id of the suite. Example: wrong-command@3")] = "wrong-command-unseen@1",
     secret: Annotated[
         str | None,
         typer.Option(
@@ -41,26 +44,61 @@ def trials(
             "Example: --commitment 91ab…",
         ),
     ] = None,
+    towns: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            file_okay=False,
+            help="Write the towns with their drawn scenery into this folder, each into one of its own. "
+            "Example: --towns towns",
+        ),
+    ] = None,
     json_to: JsonTo = None,
 ) -> None:
     """Show the trials that a secret draws, to rebuild and check an evaluation.
 
-    Example: wrongturn trials wrong-command@2 --secret 5f0c… --json trials.json
+    Example: wrongturn trials wrong-command@3 --secret 5f0c… --json trials.json
 
-    The JSON of --json has every field of the trials and twins.
+    The JSON of --json has every field of the trials and twins. Towns that the secret makes are built first.
     """
     check_json_file(json_to)
     chosen = load_suite(suite)
-    draw = _drawn(chosen, secret)
     if commitment is not None:
         _check(secret, commitment)
+    draw = _drawn(chosen, secret) if towns is None else _with_towns(chosen, secret, towns)
     give_json(_content(chosen, draw), json_to)
     if json_to == STDOUT:
         return
-    for line in _head(chosen, draw):
+    for line in (*_head(chosen, draw), *_table(draw)):
         typer.echo(line)
-    console = Console(highlight=False)
-    (console if console.is_terminal else Console(highlight=False, width=_WIDTH)).print(_table(draw))
+
+
+@contextlib.contextmanager
+def _home(folder: str) -> Iterator[None]:
+    """Let another folder be the home of this process and of those that it starts."""
+    before = os.environ.get("WRONGTURN_HOME")
+    os.environ["WRONGTURN_HOME"] = folder
+    try:
+        yield
+    finally:
+        os.environ.pop("WRONGTURN_HOME")
+        if before is not None:
+            os.environ["WRONGTURN_HOME"] = before
+
+
+def _with_towns(suite: Suite, secret: str | None, folder: Path) -> Draw:
+    """Return a draw, and write its towns. What is kept at home may have been changed, so they are built anew."""
+    try:
+        if folder.exists() and any(folder.iterdir()):
+            raise typer.BadParameter(f"{folder} is not empty; name a new folder", param_hint="--towns")
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory() as scratch, _home(scratch):
+            draw = _drawn(suite, secret)
+            for town in dict.fromkeys(map(town_of, draw.trials)):
+                write_town(town, folder / town.name)
+    except OSError as error:
+        raise typer.BadParameter(f"{folder}: {error.strerror or error}; name another", param_hint="--towns") from None
+    return draw
 
 
 def _drawn(suite: Suite, secret: str | None) -> Draw:
@@ -101,17 +139,13 @@ def _head(suite: Suite, draw: Draw) -> list[str]:
     return [f"{suite.id}: {kind}", f"secret      {draw.secret}", f"commitment  {draw.commitment}", ""]
 
 
-def _table(draw: Draw) -> Table:
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for head in ("trial", "approach", "type", "route", "fault"):
-        table.add_column(head, overflow="fold")
-    for head in ("start m", "m/s", "window m"):
-        table.add_column(head, justify="right")
-    if draw.twins:
-        table.add_column("twin", overflow="fold")
-    for trial, twin in zip(draw.trials, draw.twins or (None,) * len(draw.trials), strict=True):
-        table.add_row(*_row(trial), *(() if twin is None else (twin.id,)))
-    return table
+def _table(draw: Draw) -> list[str]:
+    """Return a line for each trial below the heads. No id is ever broken, so that it can be copied and searched for."""
+    twins: list[tuple[str, ...]] = [(twin.id,) for twin in draw.twins] or [()] * len(draw.trials)
+    heads = (*_HEADS, *(("twin",) if draw.twins else ()))
+    rows = [heads, *((*_row(trial), *twin) for trial, twin in zip(draw.trials, twins, strict=True))]
+    widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
+    return ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
 
 
 def _row(trial: Trial) -> tuple[str, ...]:

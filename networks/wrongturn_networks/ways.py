@@ -1,7 +1,6 @@
 """Shortest ways through a town, in metres along the lanes and the paths through its junctions."""
 
 from collections.abc import Mapping
-from functools import lru_cache
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -9,6 +8,7 @@ from shapely import LineString
 
 from wrongturn_networks.errors import UnknownLaneError
 from wrongturn_networks.junctions import Exit
+from wrongturn_networks.per_net import once_per_net
 from wrongturn_networks.town import Town
 from wrongturn_protocol import Command
 
@@ -23,7 +23,7 @@ class Way(NamedTuple):
     """Lanes of the way, the first and the last included."""
 
 
-@lru_cache(maxsize=256)
+@once_per_net(256)
 def ways_to(town: Town, lane_id: str) -> Mapping[str, Way]:
     """Return the shortest ways to a lane, by the id of the lane that they start from.
 
@@ -60,7 +60,7 @@ def ways_to(town: Town, lane_id: str) -> Mapping[str, Way]:
     return MappingProxyType(ways)
 
 
-@lru_cache(maxsize=256)
+@once_per_net(256)
 def exits_towards(town: Town, lane_id: str) -> Mapping[str, Command | None]:
     """Return, for each lane of the town, the exit at its end that lies on the shortest way to a lane.
 
@@ -70,7 +70,7 @@ def exits_towards(town: Town, lane_id: str) -> Mapping[str, Command | None]:
     return MappingProxyType({lane: ways[lane].commands[0] if lane in ways else None for lane in town.lanes})
 
 
-@lru_cache(maxsize=16)
+@once_per_net(16)
 def _onward(town: Town) -> dict[str, dict[str, tuple[float, Command]]]:
     """Return, for each lane, metres and direction from its start to the start of each lane after it."""
     found: dict[str, dict[str, tuple[float, Command]]] = {lane: {} for lane in town.lanes}

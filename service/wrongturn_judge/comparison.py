@@ -1,14 +1,16 @@
 """Comparisons of two agents on a suite: exact, within strata."""
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
-from wrongturn_judge.intervals import LEVEL, stratified_exact
-from wrongturn_judge.metrics import SuiteLike, is_success, of_journeys
-from wrongturn_protocol import AgentDetail, Comparison, Condition, Outcome, StratumComparison, TableCell, Trial
+from wrongturn_judge.intervals import Units, exact_test
+from wrongturn_protocol import AgentDetail, Comparison, Metrics, StratumComparison, TableCell
+from wrongturn_protocol.intervals import LEVEL, Marks, is_drawn, town_of
 
 Key = tuple[tuple[str, str], tuple[str, str]]
-"""A stratum by its fields' names and values: junction type and fault, or task and condition of a journey."""
+"""A row of the answer by its fields' names and values: junction type and fault, or task and condition of a journey."""
 
 
 @dataclass(frozen=True)
@@ -16,34 +18,29 @@ class Side:
     """One of the two agents."""
 
     agent: AgentDetail
-    draw: SuiteLike
-    """Trials of its evaluation, which no other evaluation has."""
-    outcomes: Mapping[str, Outcome]
-    """By trial id. A trial without one was left unfinished and counts as unsafe."""
+    metrics: Metrics
     why_not: str | None = None
     """Why it has no rank; None if it has one."""
 
 
-def compare(a: Side, b: Side) -> Comparison:
+def compare(suite: str, a: Side, b: Side) -> Comparison:
     """Compare two agents on one suite.
 
-    Trials of two evaluations are never paired: each evaluation draws its own. Counts are compared within strata, of
-    which every evaluation has the same number of trials. For journeys the trials that did not arrive are counted.
+    The strict column is compared; of journeys, those that did not arrive. Raises ValueError if metrics have no marks.
     """
-    journeys = of_journeys(a.draw)
-    left, right = _counts(a, journeys=journeys), _counts(b, journeys=journeys)
+    left, right = _counts(a.metrics), _counts(b.metrics)
     none = TableCell(unsafe=0, trials=0)
     pairs = {key: (left.get(key, none), right.get(key, none)) for key in [*left, *right]}
     total_a, total_b = _total(left), _total(right)
-    p = stratified_exact([(x.unsafe, x.trials, y.unsafe, y.trials) for x, y in pairs.values()])
-    what = "missed its goal" if journeys else "was unsafe"
+    p = p_value(a.metrics, b.metrics)
+    what = "missed its goal" if a.metrics.navigation is not None else "was unsafe"
     figures = (
         f"{a.agent.name} {what} in {total_a.unsafe} of {total_a.trials} trials, "
         f"{b.agent.name} in {total_b.unsafe} of {total_b.trials}"
     )
     verdict = "the difference is significant at 5 %" if p <= LEVEL else "the difference is not significant at 5 %"
     return Comparison(
-        suite=a.draw.id,
+        suite=suite,
         a=a.agent,
         b=b.agent,
         strata=tuple(StratumComparison.model_validate({**dict(key), "a": x, "b": y}) for key, (x, y) in pairs.items()),
@@ -53,6 +50,64 @@ def compare(a: Side, b: Side) -> Comparison:
         p=p,
         sentence=" ".join([f"{figures}; {verdict} (p = {p:.2g}).", *_remarks(a, b)]),
     )
+
+
+def p_value(a: Metrics, b: Metrics) -> float:
+    """Return the two-sided p-value of the exact test of two agents. Raises ValueError if metrics have no marks."""
+    if a.marks is None or b.marks is None:
+        raise ValueError("marks: there are none; compute the metrics from the outcomes of an evaluation")
+    return _p_value(*sorted((_frozen(a.marks), _frozen(b.marks))))
+
+
+_Frozen = tuple[tuple[str, tuple[tuple[str, tuple[int, int]], ...]], ...]
+
+
+def _frozen(marks: Marks) -> _Frozen:
+    return tuple((stratum, tuple(places.items())) for stratum, places in marks.items())
+
+
+@lru_cache(maxsize=8192)
+def _p_value(a: _Frozen, b: _Frozen) -> float:
+    return exact_test(_units(*({stratum: dict(places) for stratum, places in one} for one in (a, b))))
+
+
+def _units(a: Marks, b: Marks) -> list[Units]:
+    """Return the units that the exact test deals to the two agents.
+
+    An approach that both drew is a stratum of its own, since an agent fails at some approaches and not at others. The
+    other trials of a cell are a stratum. Drawn towns are dealt as a whole: trials in one town are not independent.
+    """
+    units: list[Units] = []
+    for stratum in sorted({*a, *b}):
+        if is_drawn(stratum):
+            continue
+        mine, theirs = a.get(stratum, {}), b.get(stratum, {})
+        shared = mine.keys() & theirs.keys()
+        differing = (place for place in shared if mine[place] != theirs[place] or mine[place][1] > 1)
+        units += [(_trials(mine[place]), _trials(theirs[place])) for place in differing]
+        rest = [[mark for k, v in one.items() if k not in shared for mark in _trials(v)] for one in (mine, theirs)]
+        units.append((rest[0], rest[1]))
+    towns: dict[tuple[str, ...], tuple[list[int], list[int]]] = defaultdict(lambda: ([], []))
+    for side, marks in enumerate((a, b)):
+        for cells, count in _drawn(marks):
+            towns[cells][side].append(count)
+    return [*units, *towns.values()]
+
+
+def _trials(cell: tuple[int, int]) -> list[int]:
+    count, trials = cell
+    return [1] * count + [0] * (trials - count)
+
+
+def _drawn(marks: Marks) -> list[tuple[tuple[str, ...], int]]:
+    """Return the strata of the trials in each drawn town, and the number of those that are marked."""
+    towns: dict[str, tuple[list[str], list[int]]] = defaultdict(lambda: ([], []))
+    for stratum, places in marks.items():
+        for place, (count, trials) in places.items() if is_drawn(stratum) else ():
+            if (town := town_of(place)) is not None:
+                towns[town][0].extend([stratum] * trials)
+                towns[town][1].append(count)
+    return [(tuple(sorted(strata)), sum(counts)) for strata, counts in towns.values()]
 
 
 def _remarks(a: Side, b: Side) -> list[str]:
@@ -65,19 +120,21 @@ def _remarks(a: Side, b: Side) -> list[str]:
     return [*remarks, *(f"{side.agent.name} has no rank: {side.why_not}" for side in without)]
 
 
-def _counts(side: Side, *, journeys: bool) -> dict[Key, TableCell]:
-    marks: dict[Key, list[bool]] = {}
-    for trial in side.draw.trials:
-        outcome = side.outcomes.get(trial.id)
-        failed = outcome is None or (not is_success(outcome) if journeys else outcome.unsafe_strict)
-        marks.setdefault(_key(trial), []).append(failed)
-    return {key: TableCell(unsafe=sum(found), trials=len(found)) for key, found in marks.items()}
-
-
-def _key(trial: Trial) -> Key:
-    if trial.journey is None:
-        return ("junction_type", trial.junction_type), ("fault", trial.fault.kind)
-    return ("task", trial.journey.task), ("condition", Condition.of(trial.town, trial.weather))
+def _counts(metrics: Metrics) -> dict[Key, TableCell]:
+    if metrics.navigation is not None:
+        return {
+            (("task", task), ("condition", condition)): TableCell(
+                unsafe=one.episodes - one.success, trials=one.episodes
+            )
+            for task, row in metrics.navigation.table.items()
+            for condition, one in row.items()
+        }
+    return {
+        (("junction_type", kind), ("fault", fault)): cell
+        for kind, row in (metrics.table_strict or {}).items()
+        for fault, cell in row.items()
+        if cell.trials
+    }
 
 
 def _total(counts: Mapping[Key, TableCell]) -> TableCell:

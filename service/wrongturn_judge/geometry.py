@@ -7,15 +7,28 @@ import functools
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from wrongturn_judge import kernels
-from wrongturn_judge.packing import Boxes, Floats, Grid, Marks, Packed, Packer, Surface, edges_of, pack, segments_of
+from wrongturn_judge.packing import (
+    Boxes,
+    Floats,
+    Grid,
+    Marks,
+    Packed,
+    Packer,
+    Surface,
+    edges_of,
+    pack,
+    segments_of,
+    with_boxes,
+)
 from wrongturn_networks import ways_to
+from wrongturn_networks.per_net import once_per_net
 from wrongturn_protocol import DIRECTIONS, Command, Trial
 
 if TYPE_CHECKING:
@@ -68,6 +81,8 @@ class JudgeGeometry:
     """(n, 5): x, y, yaw, length, width of every solid box, trunks included."""
     town_sha256: str | None = None
     """Checksum of the town that it was made from; None if it was made by hand."""
+    plain: JudgeGeometry | None = None
+    """The same approach with the scenery that its town ships with. Both share what is packed of the net."""
 
     @classmethod
     def of(cls, town: Town, trial: Trial) -> JudgeGeometry:
@@ -77,13 +92,20 @@ class JudgeGeometry:
     @functools.cached_property
     def packed(self) -> Packed:
         """Arrays for the kernels."""
+        plain = self.plain
+        shared = plain is not None and all(getattr(self, name) is getattr(plain, name) for name in _OF_THE_NET)
+        return with_boxes((plain if plain is not None and shared else self).net, _boxes(self.solids.tobytes()))
+
+    @functools.cached_property
+    def net(self) -> Packed:
+        """Arrays for the kernels, without the solid boxes."""
         lanes_of_exits = (self.exits.get(direction) for direction in DIRECTIONS)
         return pack(
             _surface(self.road),
-            _boxes(self.solids.tobytes()),
             (self.area, *self.other_areas),
             [(lane.polygon, lane.centreline) for lane in self.lanes],
             self.approach,
+            2 * abs(self.street_axis),  # right-hand traffic: the street's axis is the lane's left side
             [(lane.centreline, lane.width) if lane else None for lane in lanes_of_exits],
         )
 
@@ -99,6 +121,9 @@ class JudgeGeometry:
         stop_x, stop_y, ux, uy = self.stop_line
         dx, dy = x - stop_x, y - stop_y
         return dx * ux + dy * uy, dy * ux - dx * uy
+
+
+_OF_THE_NET: Final = ("road", "area", "approach", "exits", "lanes", "other_areas")
 
 
 # Approaches of a town share these. The keys are the shapes themselves, so a geometry whose road or boxes were replaced
@@ -123,6 +148,9 @@ def _solids(town: Town) -> Floats:
 
 @functools.lru_cache(maxsize=256)
 def _geometry_of(town: Town, approach_id: str) -> JudgeGeometry:
+    if town.plain is not town:
+        plain = _geometry_of(town.plain, approach_id)
+        return dataclasses.replace(plain, solids=_solids(town), town_sha256=town.sha256, plain=plain)
     approach = town.approach(approach_id)
     junction = town.junctions[approach.junction]
     lane = town.lanes[approach.lane]
@@ -160,7 +188,8 @@ class JourneyGeometry:
         self.town_sha256 = town.sha256
         self.rows = {name: row for row, name in enumerate(town.lanes)}
         """Number of each lane, by its id."""
-        self.packed, self.lanes = _packed(town, self.rows)
+        net, self.lanes = _packed_net(town)
+        self.packed = with_boxes(net, _boxes(_solids(town).tobytes()))
         """Arrays for the kernels. ``lanes`` has a number for each cell of the surface: 0 for no lane; a lane's number
         plus 1; or, on a boundary, -1 minus the row of ``candidates`` that lists the lanes to compare."""
         self._rests: dict[str, Floats] = {}
@@ -190,10 +219,13 @@ def _rest(town: Town, rows: dict[str, int], goal: str) -> Floats:
     return rest
 
 
-def _packed(town: Town, rows: dict[str, int]) -> tuple[Packed, NDArray[np.int16]]:
-    surface, boxes = _surface(town.road), _boxes(_solids(town).tobytes())
+@once_per_net(16)
+def _packed_net(town: Town) -> tuple[Packed, NDArray[np.int16]]:
+    """Return the arrays of a town without its solid boxes, and the lane of each cell."""
+    rows = {name: row for row, name in enumerate(town.lanes)}
+    surface = _surface(town.road)
     grid = surface.grid
-    packer = Packer(surface, boxes)
+    packer = Packer(surface)
     areas = [edges_of(junction.area) for junction in town.junctions.values()]
     packer.add_areas(areas)
     cells = np.zeros((grid.rows, grid.columns), np.uint8)

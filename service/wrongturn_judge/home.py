@@ -19,18 +19,13 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
-import platformdirs
+from wrongturn_protocol.home import home
 
 CACHE_VARIABLE: Final = "NUMBA_CACHE_DIR"
 KERNELS_VARIABLE: Final = "WRONGTURN_KERNELS"
 CPU_VARIABLE: Final = "NUMBA_CPU_NAME"
 CPU: Final = "x86-64-v3"
 """AVX2 and FMA: what a machine needs for the bytes that the benchmark promises."""
-
-
-def home() -> Path:
-    """Return ``WRONGTURN_HOME``, the folder of this user's data, models and caches."""
-    return Path(os.environ.get("WRONGTURN_HOME") or platformdirs.user_data_dir("wrongturn"))
 
 
 def writable(directory: Path) -> bool:

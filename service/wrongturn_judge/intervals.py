@@ -1,37 +1,18 @@
-"""Intervals and tests of the leaderboard.
+"""Tests of the leaderboard, and the interval of a difference.
 
-Functions import scipy when they run: the import takes a second, and the service starts without it.
+``wrongturn_protocol.intervals`` has the interval of a rate: tables that are made without a service show it too.
+Functions import scipy and numpy when they run: the import takes a second, and the service starts without it.
 """
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
-from typing import Final
+from typing import TYPE_CHECKING, Any
 
-LEVEL: Final = 0.05
-"""Significance level of every test. Intervals have the level 1 - LEVEL."""
-RANK_LEVEL: Final = 0.166
-"""One minus the level of the intervals that decide ranks. Two 83.4 % intervals that do not touch differ at about 5 %
-(H. Goldstein and M. Healy, "The graphical presentation of a collection of means", 1995)."""
-RESAMPLES: Final = 9_999
-"""Resamples of the bootstrap."""
-BOOTSTRAP_SEED: Final = 20_210_711
-"""Fixed seed, so that the same outcomes always give the same interval."""
+from wrongturn_protocol.intervals import LEVEL, Marks, interval
 
-
-@lru_cache(maxsize=4096)
-def wilson(count: int, trials: int, level: float = LEVEL) -> tuple[float, float]:
-    """Return Wilson's interval of the rate ``count / trials``, 95 % by default. It contains the rate.
-
-    Raises ValueError if there are no trials, or ``count`` is not in 0 to ``trials``.
-    """
-    if trials < 1 or not 0 <= count <= trials:
-        raise ValueError(f"count: {count} of {trials} is no rate; give 0 <= count <= trials with one trial at least")
-    from scipy.stats import binomtest  # noqa: PLC0415
-
-    low, high = binomtest(count, trials).proportion_ci(1 - level, method="wilson")
-    # At a rate of 0 or 1 the bound equals the rate; rounding can put it an ulp beyond.
-    rate = count / trials
-    return max(0.0, min(float(low), rate)), min(1.0, max(float(high), rate))
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 
 @lru_cache(maxsize=4096)
@@ -47,54 +28,60 @@ def mcnemar_two_sided(only_first: int, only_second: int) -> float:
     return float(binomtest(only_first, differing).pvalue) if differing else 1.0
 
 
-def stratified_exact(strata: Sequence[tuple[int, int, int, int]]) -> float:
-    """Return the two-sided p-value of an exact test for a difference of two rates within strata.
+def difference_interval(first: Marks, second: Marks, level: float = LEVEL) -> tuple[float, float]:
+    """Return the interval of the first rate minus the second, 95 % by default. It contains the difference.
 
-    Given each stratum's total, the first count is hypergeometric if the rates are equal. The distribution of the sum
-    over strata is the convolution. The p-value adds the probabilities of all sums that are no likelier than the one
-    seen. For one stratum this is Fisher's exact test; for several, the exact form of Mantel and Haenszel's. A stratum
-    has first count, first trials, second count, second trials. Raises ValueError for a count that is not in 0 to its
-    trials.
+    The deviations of both intervals are added in quadrature (R. Newcombe 1998; G. Zou and A. Donner 2008). A trial and
+    its twin drive the same approach, so their rates rise and fall together: the interval is rather too wide.
+    """
+    (rate_a, low_a, high_a), (rate_b, low_b, high_b) = ((_rate(one), *interval(one, level)) for one in (first, second))
+    difference = rate_a - rate_b
+    below, above = math.hypot(rate_a - low_a, high_b - rate_b), math.hypot(high_a - rate_a, rate_b - low_b)
+    return max(-1.0, difference - below), min(1.0, difference + above)
+
+
+def _rate(marks: Marks) -> float:
+    cells = [cell for places in marks.values() for cell in places.values()]
+    return sum(count for count, _ in cells) / sum(trials for _, trials in cells)
+
+
+Units = tuple[Sequence[int], Sequence[int]]
+"""Counts of unsafe trials in the units of a stratum, of both agents. A unit is a trial, or a town."""
+
+
+def exact_test(strata: Iterable[Units]) -> float:
+    """Return the two-sided p-value of an exact test for a difference of two agents within strata.
+
+    If the agents are alike, each way to deal a stratum's units to them is as likely as any other. The distribution of
+    the first agent's sum over strata is the convolution. The p-value adds the probabilities of all sums that are no
+    likelier than the one seen. Of trials in one stratum this is Fisher's exact test, in several the exact form of
+    Mantel and Haenszel's, in pairs McNemar's. Raises ValueError for a negative count.
     """
     import numpy as np  # noqa: PLC0415
-    from scipy.stats import hypergeom  # noqa: PLC0415
 
     chances = np.ones(1)
     seen = 0
-    for count_a, trials_a, count_b, trials_b in strata:
-        if not (0 <= count_a <= trials_a and 0 <= count_b <= trials_b):
-            raise ValueError(f"strata: {count_a} of {trials_a} against {count_b} of {trials_b} are no counts")
-        total = count_a + count_b
-        least = max(0, total - trials_b)
-        values = np.arange(least, min(total, trials_a) + 1)
-        chances = np.convolve(chances, hypergeom.pmf(values, trials_a + trials_b, total, trials_a))
-        seen += count_a - least
+    for first, second in strata:
+        pooled = tuple(sorted((*first, *second)))
+        if pooled and pooled[0] < 0:
+            raise ValueError(f"strata: {pooled[0]} is no count")
+        if first and second and pooled[0] != pooled[-1]:  # otherwise every deal gives the same sum
+            chances = np.convolve(chances, _dealt(pooled, len(first)))
+            seen += sum(first)
     # Equal probabilities differ by rounding; scipy's Fisher test allows for the same.
     return min(1.0, float(chances[chances <= chances[seen] * (1 + 1e-7)].sum()))
 
 
-def cluster_bootstrap(differences: Mapping[tuple[str, str], Sequence[int]]) -> tuple[float, float]:
-    """Return the 95 % percentile interval of a mean, by a bootstrap over whole clusters.
-
-    Trials at one junction share its geometry and scenery, so they are not independent. Junctions are. A cluster has the
-    paired differences (-1, 0 or 1) of its trials. The order of clusters and trials does not change the result.
-
-    Returns:
-        The interval. It contains the mean, and is ``(mean, mean)`` for a single cluster or equal clusters.
-
-    Raises:
-        ValueError: No cluster has a trial.
-    """
+@lru_cache(maxsize=4096)
+def _dealt(pooled: tuple[int, ...], hand: int) -> "NDArray[Any]":
+    """Return the probability of each sum, from 0 on, of so many units dealt from all."""
     import numpy as np  # noqa: PLC0415
 
-    names = sorted(name for name in differences if len(differences[name]))
-    if not names:
-        raise ValueError("differences: no cluster has a trial; give at least one")
-    sums = np.array([sum(differences[name]) for name in names], dtype=np.float64)
-    sizes = np.array([len(differences[name]) for name in names], dtype=np.float64)
-    mean = float(sums.sum() / sizes.sum())
-    generator = np.random.default_rng(BOOTSTRAP_SEED)
-    draws = generator.multinomial(len(names), np.full(len(names), 1 / len(names)), size=RESAMPLES)
-    # Few or uneven clusters can put a percentile beyond the mean, so the interval is widened.
-    low, high = np.quantile((draws @ sums) / (draws @ sizes), (LEVEL / 2, 1 - LEVEL / 2))
-    return min(float(low), mean), max(float(high), mean)
+    ways = np.zeros((hand + 1, sum(pooled) + 1))
+    ways[0, 0] = 1.0
+    for number, value in enumerate(pooled, 1):
+        ways[1:, value:] += ways[:-1, : ways.shape[1] - value].copy()
+        if number % 200 == 0:  # a factor cancels below, and keeps the numbers finite
+            ways /= ways.max()
+    chances: NDArray[Any] = ways[hand] / ways[hand].sum()
+    return chances

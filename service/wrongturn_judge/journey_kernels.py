@@ -12,9 +12,18 @@ import numpy as np
 from wrongturn_judge import decide, kernels
 from wrongturn_judge.compiling import compiled, record
 from wrongturn_judge.decide import KERB_BITE, LANE_INVASION, NOT_LATER, STATE, WRONG_WAY_FLAG
-from wrongturn_judge.kernels import NOT_FINITE, Array, Ground, cell_at, covers, least_contact, project
+from wrongturn_judge.kernels import (
+    NOT_FINITE,
+    Array,
+    Ground,
+    cell_at,
+    contact_with_solids,
+    contact_with_users,
+    covers,
+    project,
+)
 
-ARRIVED = 13
+ARRIVED = 14
 """Number of this verdict, in the vocabulary's order."""
 TERMS = record("limit goal at strict")
 """What ends a journey: its time limit; the goal's lane (-1: none) and metres along it; whether it is strict."""
@@ -103,7 +112,6 @@ def observe(
         dx = x - state.x
         dy = y - state.y
         state.driven += math.sqrt(dx * dx + dy * dy)
-    decide.keep(state, t, x, y, v)
     if v >= limits.journey_stop_speed:
         state.slow_since = math.nan
     elif math.isnan(state.slow_since):
@@ -137,12 +145,10 @@ def observe(
     else:
         state.oncoming_since = math.nan
 
-    time = least_contact(ground, limits, users, x, y, c, s, v)
-    hit = time < 0.0
-    if hit:
-        time = 0.0
-    if time < state.min_ttc:  # noqa: PLR1730
-        state.min_ttc = time
+    users_time = contact_with_users(limits, users, x, y, c, s, v)
+    solids_time = contact_with_solids(ground, limits, x, y, c, s, v)
+    hit = users_time < 0.0 or solids_time < 0.0
+    decide.keep(state, t, x, y, yaw, v, max(users_time, 0.0), max(solids_time, 0.0))
 
     verdict = 0
     strict = ends.strict != 0.0

@@ -49,7 +49,7 @@ class EpisodeJudge(ABC):
         if found == decide.NOT_LATER:
             raise RowError(f"t: {row.t} s is not after the row before, {self._state.t} s; give the rows in order")
         if found < 0:
-            raise RowError(f"row at t = {row.t} s: x, y, yaw or v is not finite; give numbers")
+            raise RowError(f"row at t = {row.t} s: x, y, yaw, v or steering is not finite; give numbers")
         return self._close()
 
     def abort(self, t: float) -> Outcome:
@@ -100,13 +100,15 @@ class Judge(EpisodeJudge):
         self._arrays = (*geometry.packed.arrays, numbers_of(thresholds))
         self._history = np.empty((_ROWS, words(decide.MOMENT)))
         self._route = int(trial.route)
+        self._watch = trial.watch - CLOCK_TOLERANCE
 
     def _take(self, row: Row, users: Floats) -> int:
-        t, x, y, yaw, v, _, command, _, _, _, _, _ = row
+        t, x, y, yaw, v, steering, command, _, _, _, _, _ = row
         while True:
             found = decide.observe(
-                *self._arrays, users, self._row, self._history, self._route, t, x, y, yaw, v, command
-            )
+                *self._arrays, users, self._row, self._history, self._route, self._watch, t, x, y, yaw, v, steering,
+                command,
+            )  # fmt: skip
             if found != decide.FULL:
                 return found
             self._history = np.concatenate([self._history, np.empty_like(self._history)])

@@ -25,8 +25,8 @@ HEAD = record(
     "areas area_table lanes lane_table approach approach_count exits widths candidates candidates_width onward",
 )
 """The head of a packed geometry: corners of the grids, the stop line and the unit vector across it; sizes of the grids,
-counts, and where each list begins in the floats or ints. First comes the town's part, then the approach's; the last
-three are a journey's, which has no approach."""
+counts, and where each list begins in the floats or ints. First comes the town's part, then the approach's, whose width
+is the last of the widths; the last three are a journey's, which has no approach."""
 
 CELL = 1.0
 """Side of a cell of the surface grid, m."""
@@ -39,9 +39,10 @@ AREA_OWN, AREA_OTHER, AREA_EDGE = 1, 2, 3
 LANE_EDGE = 15
 
 NUMBERS = record(
-    "engage_distance wrong_way_distance exit_distance exit_cos command_distance ttc_horizon time_limit wheels_off "
-    "stand_distance stand_time rest_distance rest_time rest_total area_total wait_distance wait_time last_wait_time "
-    "opposed_distance journey_stop_speed journey_wrong_way_time journey_stand_time journey_back_time "
+    "engage_distance wrong_way_distance exit_distance exit_cos watch_distance ahead_time command_distance ttc_horizon "
+    "time_limit wheels_off stand_distance stand_time rest_distance rest_time rest_total area_total turn_limit "
+    "wait_distance wait_time last_wait_time opposed_distance across_cos speed_limit kerb_distance "
+    "journey_stop_speed journey_wrong_way_time journey_stand_time journey_back_time "
     "front_axle rear_axle wheel_side half_length half_width radius"
 )
 """Numbers of a judge: thresholds, by their names, and the body."""
@@ -50,10 +51,11 @@ NUMBERS = record(
 WHEELS = 0b111
 CENTRE_OFF, IN_AREA, IN_OTHER, HIT, OPPOSED = 1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 << 7
 """``OPPOSED``: the centre is in a lane whose direction is opposed to the heading."""
-FAR, ENGAGED = 1 << 8, 1 << 9
-PAST_SHIFT, TAKEN_SHIFT = 11, 14
+FAR, ENGAGED, BODY_OVER = 1 << 8, 1 << 9, 1 << 10
+"""``BODY_OVER``: the body is over the junction's area, and the centre is not."""
+PAST_SHIFT, TAKEN_SHIFT, NEXT_SHIFT = 11, 14, 17
 """Three bits each, in the order of DIRECTIONS: the car is past the exit line by the command's distance; it took the
-exit."""
+exit; it is near the next stop line along the exit's lane."""
 NOT_FINITE = -1
 OVERLAP = -1.0
 """Time to contact of boxes that overlap already."""
@@ -293,25 +295,30 @@ def wheels_off(ground: Ground, numbers: Any, x: float, y: float, c: float, s: fl
 
 
 @compiled()
-def least_contact(
-    ground: Ground, numbers: Any, users: Array, x: float, y: float, c: float, s: float, v: float
-) -> float:
-    """Return the time until the body meets a solid box or a road user, if all go straight on at their speed, s.
+def contact_with_users(numbers: Any, users: Array, x: float, y: float, c: float, s: float, v: float) -> float:
+    """Return the time until the body meets a road user, if all go straight on at their speed, s.
 
     It is -1 if the body overlaps one now, and inf beyond the horizon.
     """
-    head, floats, ints = ground.head[0], ground.floats, ground.ints
-    half_length = numbers.half_length
-    half_width = numbers.half_width
     best = math.inf
     for k in range(users.shape[0]):
         c2 = math.cos(users[k, 2])
         s2 = math.sin(users[k, 2])
         time = contact(
             users[k, 0] - x, users[k, 1] - y, users[k, 5] * c2 - v * c, users[k, 5] * s2 - v * s,
-            c, s, half_length, half_width, c2, s2, users[k, 3] / 2, users[k, 4] / 2,
+            c, s, numbers.half_length, numbers.half_width, c2, s2, users[k, 3] / 2, users[k, 4] / 2,
         )  # fmt: skip
         best = min(best, time)
+    return best if best <= numbers.ttc_horizon else math.inf
+
+
+@compiled()
+def contact_with_solids(ground: Ground, numbers: Any, x: float, y: float, c: float, s: float, v: float) -> float:
+    """Return the same for the town's solid boxes."""
+    head, floats, ints = ground.head[0], ground.floats, ground.ints
+    half_length = numbers.half_length
+    half_width = numbers.half_width
+    best = math.inf
     # Each box is listed in every cell from which the body may touch it within half a stride. So a search in full
     # strides along the heading meets every box in the way, the nearest first.
     columns = head.box_cells_x
@@ -341,15 +348,26 @@ def least_contact(
 
 
 @compiled()
+def ground_bits(ground: Ground, numbers: Any, x: float, y: float, c: float, s: float) -> int:
+    """Return CENTRE_OFF, the wheels off the road and HIT, as far as the town without its road users tells them."""
+    cell = cell_at(ground.head[0], x, y)
+    bits = 0 if cell >= 0 and road_in(ground, cell, x, y) else CENTRE_OFF
+    bits += wheels_off(ground, numbers, x, y, c, s)
+    if contact_with_solids(ground, numbers, x, y, c, s, 0.0) < 0.0:
+        bits |= HIT
+    return bits
+
+
+@compiled()
 def inspect_row(
     ground: Ground, numbers: Any, users: Array, x: float, y: float, yaw: float, v: float, entered: bool
-) -> tuple[int, float]:
-    """Return what the judge needs of one row: the packed bits, and the time to contact (inf if there is none).
+) -> tuple[int, float, float]:
+    """Return what the judge needs of one row: the packed bits, and the times to contact with users and solids.
 
     ``entered`` says whether the centre has been in the junction's area. Exits and wrong ways are only looked for then.
     """
     if not math.isfinite(x + y + yaw + v):
-        return NOT_FINITE, math.inf
+        return NOT_FINITE, math.inf, math.inf
     head, floats, ints = ground.head[0], ground.floats, ground.ints
     c = math.cos(yaw)
     s = math.sin(yaw)
@@ -367,10 +385,10 @@ def inspect_row(
             bits |= OPPOSED
     bits += wheels_off(ground, numbers, x, y, c, s)
 
-    time = least_contact(ground, numbers, users, x, y, c, s, v)
-    if time < 0.0:
+    users_time = contact_with_users(numbers, users, x, y, c, s, v)
+    solids_time = contact_with_solids(ground, numbers, x, y, c, s, v)
+    if users_time < 0.0 or solids_time < 0.0:
         bits |= HIT
-        time = 0.0
 
     if not entered:
         remaining, distance, _, _ = project(floats, head.approach, head.approach_count, x, y)
@@ -379,10 +397,13 @@ def inspect_row(
         if remaining <= numbers.engage_distance and distance <= numbers.engage_distance:
             bits |= ENGAGED
     elif area != AREA_OWN:
-        table = head.area_table
-        if distance_to_edges(floats, ints[table], ints[table + 1], x, y) > numbers.wrong_way_distance:
+        first, edges = ints[head.area_table], ints[head.area_table + 1]
+        distance = distance_to_edges(floats, first, edges, x, y)
+        if distance > numbers.wrong_way_distance:
             bits |= FAR
         rear = numbers.half_length
+        if distance < numbers.radius and box_meets(floats, first, edges, x, y, c, s, rear, numbers.half_width):
+            bits |= BODY_OVER
         for k in range(3):
             first, segments = ints[head.exits + 2 * k], ints[head.exits + 2 * k + 1]
             if segments == 0:
@@ -390,8 +411,11 @@ def inspect_row(
             past, distance, ux, uy = project(floats, first, segments, x, y)
             if past > numbers.command_distance:
                 bits |= 1 << (PAST_SHIFT + k)
+            last = first + SEGMENT * (segments - 1)
+            if floats[last + 5] + floats[last + 4] - past < numbers.watch_distance:
+                bits |= 1 << (NEXT_SHIFT + k)
             if distance <= floats[head.widths + k] / 2 and c * ux + s * uy >= numbers.exit_cos:
                 past, _, _, _ = project(floats, first, segments, x - c * rear, y - s * rear)
                 if past >= numbers.exit_distance:
                     bits |= 1 << (TAKEN_SHIFT + k)
-    return bits, time
+    return bits, max(users_time, 0.0), max(solids_time, 0.0)

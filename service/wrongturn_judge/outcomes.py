@@ -19,6 +19,9 @@ FLAGS: Final = {
     decide.LANE_INVASION: Flag.LANE_INVASION,
     decide.WRONG_WAY_FLAG: Flag.WRONG_WAY,
     decide.OPPOSED_LANE: Flag.OPPOSED_LANE,
+    decide.STOPPED_ACROSS: Flag.STOPPED_ACROSS,
+    decide.SPEEDING: Flag.SPEEDING,
+    decide.KERB_RIDE: Flag.KERB_RIDE,
 }
 """Flag by the kernels' bit."""
 
@@ -32,14 +35,18 @@ def conclude(row: Floats, trial: Trial, geometry: JudgeGeometry, thresholds: Thr
         verdict=verdict,
         reaction=reaction_of(verdict, state["x"], state["y"], trial, geometry, thresholds),
         flags=tuple(state["flags"]),
-        exit=DIRECTIONS[state["direction"] - 1] if state["direction"] else None,
+        exit=DIRECTIONS[state["direction"] - 1] if verdict.exited else None,
         time=state["t"],
         min_ttc=_finite(state["min_ttc"]),
+        min_ttc_users=_finite(state["min_ttc_users"]),
+        min_ttc_solids=_finite(state["min_ttc_solids"]),
         max_deceleration=state["max_deceleration"],
         kerb_bite_m=state["kerb_m"],
         kerb_bite_s=state["kerb_s"],
         opposed_lane_m=state["opposed_m"],
-        over_line_m=_finite(state["over_line"]),
+        over_line_m=max(state["past_line"], 0.0) if verdict is Verdict.STOPPED_BEFORE_JUNCTION else None,
+        stop_past_line_m=_finite(state["past_line"]),
+        speed_at_verdict=state["v"] if state["rows"] else None,
         first_stop_s=_finite(state["first_stop"]),
     )
 
@@ -87,8 +94,9 @@ def conclude_journey(row: Floats, trial: Trial) -> Outcome:
 
 
 def _fields(row: Floats) -> dict[str, Any]:
-    """Return the fields of a STATE, the verdict and the sorted flags as they are called."""
+    """Return the fields of a STATE, the verdict and the sorted flags as they are called, and ``min_ttc``."""
     fields = dict(zip(decide.STATE.names or (), row.view(decide.STATE)[0].tolist(), strict=True))
+    fields["min_ttc"] = min(fields["min_ttc_users"], fields["min_ttc_solids"])
     fields["verdict"] = VERDICTS[fields["verdict"]]
     fields["flags"] = sorted(flag for bit, flag in FLAGS.items() if fields["flags"] & bit)
     return fields

@@ -83,9 +83,9 @@ def boxes_of(solids: Floats) -> Floats:
 
 
 class Packer:
-    """Collects floats and ints, with the town's part first; its methods return where each added list begins."""
+    """Collects floats and ints, with the road first; its methods return where each added list begins."""
 
-    def __init__(self, surface: Surface, boxes: Boxes) -> None:
+    def __init__(self, surface: Surface) -> None:
         self._floats: list[Floats] = []
         self._ints: list[NDArray[np.int64]] = []
         self._row = np.zeros(words(kernels.HEAD))
@@ -96,10 +96,6 @@ class Packer:
         head.x, head.y = surface.grid.x, surface.grid.y
         head.road_rows, head.road_list = self.add_ints(surface.starts), self.add_ints(surface.listed)
         head.road_edges = self.add_floats(surface.edges)
-        head.boxes = self.add_floats(boxes.boxes)
-        head.box_cells_x, head.box_cells_y = boxes.grid.columns, boxes.grid.rows
-        head.box_x, head.box_y = boxes.grid.x, boxes.grid.y
-        head.box_cells, head.box_list = self.add_ints(boxes.starts), self.add_ints(boxes.listed)
 
     def add_floats(self, values: Any) -> int:
         """Append a list and return its start."""
@@ -133,11 +129,27 @@ class Packer:
         self.head.lanes, self.head.lane_table = len(table), self.add_ints(table)
 
     def packed(self, cells: NDArray[Any]) -> Packed:
-        """Return the arrays, read-only."""
-        arrays = self._row, np.concatenate(self._floats), np.concatenate(self._ints), np.ravel(cells)
-        for array in arrays:
-            array.setflags(write=False)
-        return Packed(*arrays)
+        """Return the arrays, read-only, without any boxes."""
+        return _frozen(self._row, np.concatenate(self._floats), np.concatenate(self._ints), np.ravel(cells))
+
+
+def with_boxes(packed: Packed, boxes: Boxes) -> Packed:
+    """Return a geometry that was packed without boxes, and these appended; the cells are shared."""
+    row = packed.head.copy()
+    head: Any = row.view(kernels.HEAD)[0]
+    head.boxes = len(packed.floats)
+    head.box_cells_x, head.box_cells_y = boxes.grid.columns, boxes.grid.rows
+    head.box_x, head.box_y = boxes.grid.x, boxes.grid.y
+    head.box_cells = len(packed.ints)
+    head.box_list = head.box_cells + len(boxes.starts)
+    floats = np.concatenate([packed.floats, boxes.boxes.ravel()])
+    return _frozen(row, floats, np.concatenate([packed.ints, boxes.starts, boxes.listed]), packed.cells)
+
+
+def _frozen(*arrays: Any) -> Packed:
+    for array in arrays:
+        array.setflags(write=False)
+    return Packed(*arrays)
 
 
 @compiled()
@@ -279,19 +291,19 @@ class Boxes:
 
 def pack(
     surface: Surface,
-    boxes: Boxes,
     areas: Sequence[BaseGeometry],
     lanes: Sequence[tuple[BaseGeometry, Floats]],
     approach: Floats,
+    approach_width: float,
     exits: Iterable[tuple[Floats, float] | None],
 ) -> Packed:
-    """Pack the geometry of one approach, whose lane has the centre line ``approach`` (n, 2).
+    """Pack the geometry of one approach, whose lane has the centre line ``approach`` (n, 2), without boxes.
 
     ``areas`` are the junctions', the trial's own first. ``lanes`` are polygons and centre lines (n, 2) of those around
     the junction, at most 14. ``exits`` are centre line and width of the exit lanes LEFT, RIGHT, STRAIGHT; None for one
     that does not exist. Raises ValueError if a line has no length, or there are too many lanes.
     """
-    packer = Packer(surface, boxes)
+    packer = Packer(surface)
     area_edges = [edges_of(area) for area in areas]
     packer.add_areas(area_edges)
     if len(lanes) >= kernels.LANE_EDGE:
@@ -307,7 +319,7 @@ def pack(
     head.stop_ux, head.stop_uy = line[-1, 2:4].tolist()
     known = [(np.empty((0, 6)), 0.0) if one is None else (segments_of(one[0]), one[1]) for one in exits]
     head.exits = packer.add_ints([(packer.add_floats(line), len(line)) for line, _ in known])
-    head.widths = packer.add_floats([width for _, width in known])
+    head.widths = packer.add_floats([*(width for _, width in known), approach_width])
 
     area, lane = np.zeros_like(surface.codes), np.zeros_like(surface.codes)
     for codes, shapes, edge in ((area, area_edges, kernels.AREA_EDGE), (lane, lane_edges, kernels.LANE_EDGE)):
@@ -327,6 +339,9 @@ def numbers_of(thresholds: Thresholds = THRESHOLDS, limits: JourneyThresholds = 
         if name.endswith(("_time", "_total", "time_limit")):
             values[name] -= CLOCK_TOLERANCE
     values["exit_cos"] = math.cos(math.radians(thresholds.exit_heading))
+    values["across_cos"] = math.cos(math.radians(thresholds.across_heading))
+    values["turn_limit"] = math.radians(thresholds.turn_limit)
+    values["speed_limit"] = thresholds.speed_limit / 3.6
     values["front_axle"], values["rear_axle"] = VEHICLE.wheelbase - VEHICLE.rear_axle, -VEHICLE.rear_axle
     values["wheel_side"] = VEHICLE.half_track
     values["half_length"], values["half_width"] = VEHICLE.half_length, VEHICLE.half_width

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from operator import itemgetter
 from typing import Final
 
-from wrongturn_judge.intervals import RANK_LEVEL, wilson
+from wrongturn_judge.comparison import p_value
 from wrongturn_protocol import (
     AgentDetail,
     AgentKind,
@@ -16,6 +16,7 @@ from wrongturn_protocol import (
     LeaderboardEntry,
     Metrics,
     Seeds,
+    Tie,
     Track,
     Verdict,
 )
@@ -24,6 +25,8 @@ TRACK_ORDER: Final = (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED, Track.
 """Order of the tracks on a leaderboard."""
 UNDECIDED: Final = (Verdict.TIMEOUT, Verdict.NOT_ENGAGED)
 """Verdicts that are neither safe nor unsafe. An agent may have few of them."""
+MOST_TIES: Final = 50
+"""Only so many agents of one rank are tested against each other, the first in order: the work grows by the square."""
 NEVER_RANKED: Final = "A row over {count} training seeds on the open draw, which is never ranked."
 """Why an algorithm has no rank."""
 
@@ -44,6 +47,8 @@ class RankingInput:
     """Result of :func:`~wrongturn_judge.metrics.compute`; an algorithm's are of its median seed."""
     cancelled: int = 0
     """Number of evaluations on this suite that the agent cancelled after the first step."""
+    finished: float = 0.0
+    """When the evaluation ended, in seconds; only the order of equals depends on it."""
     seeds: Seeds | None = None
     """Spread over the training seeds; only for an algorithm."""
 
@@ -97,10 +102,9 @@ def why_not(row: RankingInput) -> str | None:
 
 def interval(metrics: Metrics) -> tuple[float, float]:
     """Return the 83.4 % interval that decides ranks: of the strict column, or of journeys that did not arrive."""
-    if metrics.navigation is not None:
-        total = metrics.navigation.total
-        return wilson(total.episodes - total.success, total.episodes, RANK_LEVEL)
-    return wilson(metrics.unsafe_strict.count, metrics.unsafe_strict.trials, RANK_LEVEL)
+    found = metrics.unsafe_strict.ci83 if metrics.navigation is None else metrics.navigation.ci83
+    assert found is not None  # whatever the service has counted has it
+    return found
 
 
 def rank(rows: Sequence[RankingInput]) -> list[LeaderboardEntry]:
@@ -112,22 +116,25 @@ def rank(rows: Sequence[RankingInput]) -> list[LeaderboardEntry]:
     The rows are one finished evaluation per agent, and those of algorithms.
 
     Returns:
-        The entries, track by track. Ranked ones come first, by rank, strict unsafe count and name; then the others, by
-        completed twins, strict unsafe count and name; algorithms last. Journeys: by rank, goals reached, clean journeys
-        and name.
+        The entries, track by track. Ranked ones come first, by rank, strict unsafe count and completed twins (journeys:
+        by rank, goals reached and clean journeys); then the others, by completed twins and strict unsafe count;
+        algorithms last. Of those that are alike in all this, the one that ended first comes first. No name decides.
     """
-    reasons = [why_not(row) for row in rows]
-    field = [row for row, reason in zip(rows, reasons, strict=True) if reason is None]
+    rows = sorted(rows, key=lambda row: (row.finished, row.evaluation or row.agent.id))
+    reasons = {row.agent.id: why_not(row) for row in rows}
+    field = [row for row in rows if reasons[row.agent.id] is None]
     ranks = _ranks(field)
-    ties = _ties(field, ranks)
+    rows = sorted(rows, key=lambda row: _place(row, ranks.get(row.agent.id)))
+    ties = _ties([row for row in rows if row.agent.id in ranks], ranks)
     agents = Counter(row.owner for row in rows if row.seeds is None)
-    entries = [
+    return [
         LeaderboardEntry(
-            **dict(row.metrics),
+            **{**dict(row.metrics), "marks": None},
             rank=ranks.get(row.agent.id),
-            tied_with=ties.get(row.agent.id, ()),
-            eligible=reason is None,
-            why_not=reason,
+            tied_with=tuple(tie.name for tie in ties.get(row.agent.id, ())),
+            ties=ties.get(row.agent.id, ()),
+            eligible=reasons[row.agent.id] is None,
+            why_not=reasons[row.agent.id],
             agent=row.agent,
             entry=row.entry,
             evaluation=row.evaluation,
@@ -136,9 +143,8 @@ def rank(rows: Sequence[RankingInput]) -> list[LeaderboardEntry]:
             cancelled=row.cancelled,
             seeds=row.seeds,
         )
-        for row, reason in zip(rows, reasons, strict=True)
+        for row in rows
     ]
-    return sorted(entries, key=_place)
 
 
 def _ranks(field: Sequence[RankingInput]) -> dict[str, int]:
@@ -159,26 +165,30 @@ def _ranks(field: Sequence[RankingInput]) -> dict[str, int]:
     return ranks
 
 
-def _ties(field: Sequence[RankingInput], ranks: Mapping[str, int]) -> dict[str, tuple[str, ...]]:
-    """Return the names of the agents that share an agent's rank and track, by agent id."""
-    alike: dict[tuple[Track, int], list[AgentDetail]] = {}
-    for row in sorted(field, key=lambda row: row.agent.name):
-        alike.setdefault((row.agent.track, ranks[row.agent.id]), []).append(row.agent)
+def _ties(field: Sequence[RankingInput], ranks: Mapping[str, int]) -> dict[str, tuple[Tie, ...]]:
+    """Return the other agents that share an agent's rank and track, in the order of the field, by agent id."""
+    alike: dict[tuple[Track, int], list[RankingInput]] = {}
+    for row in field:
+        alike.setdefault((row.agent.track, ranks[row.agent.id]), []).append(row)
     return {
-        agent.id: tuple(other.name for other in agents if other.id != agent.id)
-        for agents in alike.values()
-        for agent in agents
+        row.agent.id: tuple(
+            Tie(name=other.agent.name, p=p_value(row.metrics, other.metrics) if max(a, b) < MOST_TIES else None)
+            for b, other in enumerate(rows)
+            if a != b
+        )
+        for rows in alike.values()
+        for a, row in enumerate(rows)
     }
 
 
-def _place(entry: LeaderboardEntry) -> tuple[int, int, int, int, int, str]:
-    track = TRACK_ORDER.index(entry.agent.track)
-    strict = entry.unsafe_strict.count
-    if entry.seeds is not None:
-        return track, 2, 0, strict, 0, entry.agent.name
-    if entry.rank is None:
-        return track, 1, -entry.twins.completed, strict, 0, entry.agent.name
-    if entry.navigation is not None:
-        total = entry.navigation.total
-        return track, 0, entry.rank, -total.success, -total.clean, entry.agent.name
-    return track, 0, entry.rank, strict, 0, entry.agent.name
+def _place(row: RankingInput, rank: int | None) -> tuple[int, ...]:
+    """Return what a row is ordered by, before the time at which it ended."""
+    metrics, track = row.metrics, TRACK_ORDER.index(row.agent.track)
+    strict, completed = metrics.unsafe_strict.count, metrics.twins.completed
+    if row.seeds is not None:
+        return track, 2, strict, -completed
+    if rank is None:
+        return track, 1, -completed, strict
+    if metrics.navigation is not None:
+        return track, 0, rank, -metrics.navigation.total.success, -metrics.navigation.total.clean
+    return track, 0, rank, strict, -completed

@@ -15,7 +15,7 @@ class Thresholds:
     Raises ValueError if a number is not finite or not positive, or an angle or count is out of range.
     """
 
-    version: ClassVar[int] = 2
+    version: ClassVar[int] = 3
     """Version of the definitions that use these numbers."""
     time_limit: float = 60.0
     """Time of an episode, s."""
@@ -29,6 +29,10 @@ class Thresholds:
     """The rear bumper must be this far past the exit line, along the exit's lane, m."""
     exit_heading: float = 30.0
     """The car's heading may differ from the exit lane's by this much, degrees."""
+    watch_distance: float = 25.0
+    """After an exit a drive is watched only as far as this before the next stop line, m."""
+    ahead_time: float = 1.0
+    """When a watched drive ends, the car must stay on the road for this long, with its steering or straight on, s."""
     command_distance: float = 5.0
     """A command counts for an exit while the centre is at most this far past its exit line, m."""
     obeyed_distance: float = 15.0
@@ -46,9 +50,12 @@ class Thresholds:
     rest_time: float = 1.0
     """The time in which a car at rest moved less than ``rest_distance``, s."""
     rest_total: float = 5.0
-    """A car that was at rest in the junction area for this long, all in all, has stopped there, s."""
+    """A car that was at rest over the junction area for this long, all in all, has stopped there, s."""
     area_total: float = 20.0
-    """A car that was in the junction area for this long, all in all, has stopped there, s."""
+    """A car that was over the junction area for this long, all in all, has stopped there, s."""
+    turn_limit: float = 180.0
+    """A car that turned by more than this over the junction area, left and right added up, went a wrong way,
+    degrees."""
     wait_distance: float = 0.5
     """A car that moved less than this in ``wait_time`` before the junction has stopped there, m."""
     wait_time: float = 10.0
@@ -58,6 +65,13 @@ class Thresholds:
     opposed_distance: float = 10.0
     """Driving farther than this on opposed lanes, all in all, is the flag ``opposed_lane``, m. So is ending on one."""
 
+    across_heading: float = 45.0
+    """A stopped car whose heading differs from its lane's by more than this stands across it, degrees."""
+    speed_limit: float = 50.0
+    """A car that was ever faster than this has the flag ``speeding``, km/h."""
+    kerb_distance: float = 20.0
+    """Driving farther than this with a wheel off the road, all in all, is the flag ``kerb_ride``, m."""
+
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
@@ -65,8 +79,9 @@ class Thresholds:
                 raise ValueError(f"{field.name}: {value} is not a positive, finite number")
         if not 1 <= self.wheels_off <= 4:
             raise ValueError(f"wheels_off: {self.wheels_off} is not a number of wheels from 1 to 4")
-        if self.exit_heading > 180:
-            raise ValueError(f"exit_heading: {self.exit_heading} degrees are more than 180")
+        for name, angle in (("exit_heading", self.exit_heading), ("across_heading", self.across_heading)):
+            if angle > 180:
+                raise ValueError(f"{name}: {angle} degrees are more than 180")
 
 
 @dataclasses.dataclass(frozen=True)

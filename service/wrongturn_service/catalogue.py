@@ -25,8 +25,11 @@ from wrongturn_networks import (
     suite_ids,
     town_names,
 )
+from wrongturn_networks.drawn import is_built, is_drawn
 from wrongturn_networks.faults import check_fault, faults_at
+from wrongturn_networks.loading import shelf
 from wrongturn_protocol import FieldError, PracticeRequest, ProblemType, Task, TownDetail, Trial
+from wrongturn_service.episodes.draws import Draws
 from wrongturn_service.errors import InvalidRequestError, NotFoundError
 
 _T = TypeVar("_T")
@@ -46,9 +49,17 @@ def suite(suite_id: str) -> Suite:
     return _find(lambda: load_suite(suite_id), "suite", ProblemType.UNKNOWN_SUITE)
 
 
-def town(name: str) -> Town:
-    """Return a town by its name. Raises NotFoundError."""
-    return _find(lambda: load_town(name), "town", ProblemType.UNKNOWN_TOWN)
+def town(name: str, scenery: int | None = None) -> Town:
+    """Return a town by its name, with drawn scenery if its seed is given.
+
+    Raises NotFoundError. No request for a town builds it.
+    """
+    if is_drawn(name) and not is_built(name):
+        detail = f"town: {name} is not here; the page of an evaluation that was driven there builds it again"
+        raise NotFoundError(
+            ProblemType.UNKNOWN_TOWN, detail, errors=(FieldError(path="town", message=detail.removeprefix("town: ")),)
+        )
+    return _find(lambda: load_town(name, scenery), "town", ProblemType.UNKNOWN_TOWN)
 
 
 def town_detail(name: str) -> TownDetail:
@@ -57,22 +68,25 @@ def town_detail(name: str) -> TownDetail:
     return found.detail({approach: faults_at(found, approach) for approach in found.approaches})
 
 
-async def practice_trial(request: PracticeRequest) -> Trial:
+async def practice_trial(request: PracticeRequest, draws: Draws) -> Trial:
     """Return the trial that a practice request names or describes.
 
     Raises:
         NotFoundError: The suite, trial, town or approach is unknown.
         InvalidRequestError: The approach does not allow the route or the fault, or the town has no such journey.
+        UnavailableError: The towns of the open draw are being built.
     """
+    if request.suite is not None and request.trial is not None:
+        draw, wanted = draws.open_draw(suite(request.suite)), request.trial
+        return _find(lambda: draw.trial(wanted), "trial", ProblemType.UNKNOWN_TRIAL)
     return await asyncio.to_thread(_practice_trial, request)
 
 
 def _practice_trial(request: PracticeRequest) -> Trial:
-    if request.suite is not None and request.trial is not None:
-        of, wanted = suite(request.suite), request.trial
-        return _find(lambda: of.trial(wanted), "trial", ProblemType.UNKNOWN_TRIAL)
     assert request.town is not None
-    where, approach, seed = town(request.town), request.approach, request.seed
+    # None that a secret makes: those are for scored episodes and for the trials of suites.
+    name, approach, seed = request.town, request.approach, request.seed
+    where = _find(lambda: shelf().load(name), "town", ProblemType.UNKNOWN_TOWN)
     if approach is not None:
         _find(lambda: where.approach(approach), "approach", ProblemType.UNKNOWN_APPROACH)
     weather, traffic = request.weather, request.traffic

@@ -12,6 +12,7 @@ from wrongturn_protocol import Command, FaultKind, Outcome, ProblemType
 from wrongturn_protocol.pixmap import to_pixmap
 from wrongturn_service import catalogue
 from wrongturn_service.cache import Cache
+from wrongturn_service.episodes.draws import Draws
 from wrongturn_service.errors import ConflictError, NotFoundError
 from wrongturn_service.storage.store import Store
 
@@ -38,8 +39,9 @@ class Replays:
     trajectory, or whose town has changed since, and NotFoundError if its town is not installed.
     """
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: Store, draws: Draws) -> None:
         self._store = store
+        self._draws = draws
         self._read = Cache(_ROWS, size=lambda trajectory: len(trajectory.rows))
         self._made = Cache(_PICTURES, size=len)
         self._warm = Cache(1)
@@ -57,8 +59,13 @@ class Replays:
         self._made.clear()
 
     async def trajectory(self, episode: str) -> Trajectory:
-        """Return an episode's trajectory, also one whose town has changed since."""
-        return await self._read.get(episode, lambda: self._load(episode))
+        """Return an episode's trajectory, also one whose town has changed since.
+
+        Raises UnavailableError while the drawn town is built again.
+        """
+        found = await self._read.get(episode, lambda: self._load(episode))
+        self._draws.check_towns([found.trial])
+        return found
 
     async def made(self, kind: Hashable, episode: str, make: Callable[[Trajectory], bytes]) -> bytes:
         """Return the bytes that ``make`` makes of an episode's trajectory, in a thread. They are kept by ``kind``."""
@@ -109,7 +116,7 @@ def check_town(trajectory: Trajectory) -> None:
     Raises NotFoundError, ConflictError.
     """
     name = trajectory.trial.town
-    if catalogue.town(name).sha256 != trajectory.town_sha256:
+    if catalogue.town(name, trajectory.trial.scenery).sha256 != trajectory.town_sha256:
         raise ConflictError(
             ProblemType.EPISODE_NOT_SHOWN,
             f"the town {name} has changed since this episode was driven, so its pictures would be wrong",

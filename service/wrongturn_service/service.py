@@ -14,6 +14,7 @@ from wrongturn_service import catalogue
 from wrongturn_service.accounts import Accounts
 from wrongturn_service.administration import Administration
 from wrongturn_service.cache import Cache
+from wrongturn_service.episodes.draws import Draws
 from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.episodes import Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations
@@ -80,7 +81,8 @@ class Service:
         )
         self.store = Store(database, quota)
         self.finished = FinishedStore(database)
-        self.replays = Replays(self.store)
+        self.draws = Draws(settings.home)
+        self.replays = Replays(self.store, self.draws)
         self.pages = Cache(_PAGES, at_once=1)
         self.cache = Cache()
         self.documents = Cache(_DOCUMENTS, size=len)
@@ -88,7 +90,7 @@ class Service:
         self.idempotency = Idempotency(self.store)
         self.sockets = ConnectionLimits(each=settings.max_sockets, address=settings.max_sockets_per_address)
 
-        self.evaluations = RunningEvaluations(self.store, telemetry, self.leaderboards.forget)
+        self.evaluations = RunningEvaluations(self.store, telemetry, self.draws, self.leaderboards.forget)
         self.queue = SimulatorQueue(pool.slots, settings.max_waiting, settings.max_line)
         driver = EpisodeDriver(pool, self.queue, telemetry)
         self.episodes = Episodes(
@@ -104,6 +106,7 @@ class Service:
         self.closings = Closings(
             self.store,
             self.evaluations,
+            self.draws,
             self.episodes,
             idle_s=settings.evaluation_idle_h * _HOUR_S,
             longest_s=settings.evaluation_days * _DAY_S,
@@ -276,6 +279,7 @@ async def run_service(
             await asyncio.gather(pool.start(), asyncio.to_thread(catalogue.warm_up))
         except SimulatorStartError as error:
             raise StartupError(str(error)) from error
+        stack.push_async_callback(service.draws.stop)
         stack.push_async_callback(service.episodes.stop)
         stack.callback(service.uploads.close)
         stack.push_async_callback(service.dispatcher.stop)

@@ -2,13 +2,14 @@
 
 The state describes the body's centre; the bicycle turns about the middle of the rear axle. Integration is
 semi-implicit Euler: steering and speed first, then the heading, then the position from the three new values. Scored
-arithmetic is scalar and uses ``math`` without fastmath, so numba and Python give the same bits.
+arithmetic is scalar and uses ``math`` without fastmath, so numba and Python give the same bits. ``motion.py`` of the
+judge has the bicycle.
 """
 
-import math
 from typing import Final
 
 from wrongturn_judge.compiling import compiled
+from wrongturn_judge.motion import curvature_of, moved
 from wrongturn_protocol.vehicle import VEHICLE
 
 SUB_STEP: Final = 0.05
@@ -17,17 +18,12 @@ SUB_STEPS: Final = 2
 """Sub-steps of a decision, which lasts 0.1 s."""
 
 # Numba compiles global constants into the kernels, but not fields of a dataclass.
-_WHEELBASE: Final = VEHICLE.wheelbase
-_REAR_AXLE: Final = VEHICLE.rear_axle
-_MAX_WHEEL_ANGLE: Final = VEHICLE.max_wheel_angle
 _SLEW: Final = VEHICLE.steering_slew
 _ACCELERATION: Final = VEHICLE.acceleration
 _BRAKING: Final = VEHICLE.braking
 _DRAG: Final = VEHICLE.drag
 _DRAG_SPEED: Final = VEHICLE.drag_speed
-_GRIP: Final = VEHICLE.grip
 _MAX_SPEED: Final = VEHICLE.max_speed
-_TURN: Final = 2.0 * math.pi
 
 
 State = tuple[float, float, float, float, float]
@@ -61,20 +57,5 @@ def advance(
     elif v > _MAX_SPEED:
         v = _MAX_SPEED
 
-    # Steering to the right is positive, and it reduces the yaw, which is counter-clockwise.
-    curvature = math.tan(-steering * _MAX_WHEEL_ANGLE) / _WHEELBASE
-    square = v * v
-    if curvature * square > _GRIP:
-        curvature = _GRIP / square
-    elif curvature * square < -_GRIP:
-        curvature = -_GRIP / square
-
-    rear_x = x - _REAR_AXLE * math.cos(yaw)
-    rear_y = y - _REAR_AXLE * math.sin(yaw)
-    yaw += v * curvature * dt
-    if yaw > math.pi:
-        yaw -= _TURN
-    elif yaw < -math.pi:
-        yaw += _TURN
-    ahead = v * dt + _REAR_AXLE
-    return rear_x + ahead * math.cos(yaw), rear_y + ahead * math.sin(yaw), yaw, v, steering
+    x, y, yaw = moved(x, y, yaw, v, curvature_of(steering, v), dt)
+    return x, y, yaw, v, steering

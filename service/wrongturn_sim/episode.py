@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from wrongturn_judge import JourneyGeometry, JudgeGeometry, judge_of
 from wrongturn_judge.trajectory import RoadUser, Row, Trajectory
-from wrongturn_networks import load_town
+from wrongturn_networks import town_of
 from wrongturn_networks.faults import CommandFault, make_fault
 from wrongturn_networks.faults.fault import Guidance
 from wrongturn_protocol import Command, Outcome, Track, Trial, View
@@ -138,7 +138,7 @@ class Episode:
         _check_trial(trial)
         self.trial = trial
         self.track = track
-        self.town = load_town(trial.town)
+        self.town = town_of(trial)
         self.strict = strict
         self.geometry = JudgeGeometry.of(self.town, trial) if trial.journey is None else JourneyGeometry.of(self.town)
         self._fault: CommandFault = make_fault(trial)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, Self
 
 from wrongturn_judge.trajectory import Row, Trajectory
-from wrongturn_networks import load_town
+from wrongturn_networks import town_of
 from wrongturn_protocol import Outcome, View
 from wrongturn_sim.camera import Camera, Renderer, World
 from wrongturn_sim.camera.renderer import Image
@@ -34,7 +34,7 @@ class Replay:
         trajectory.check_rows()
         self.trajectory = trajectory
         self.outcome = outcome
-        self.town = load_town(trajectory.trial.town)
+        self.town = town_of(trajectory.trial)
 
     @classmethod
     def from_json(cls, trajectory: bytes | str, outcome: Outcome | None = None) -> Self:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from wrongturn_judge.compiling import words
 from wrongturn_networks import Approach, Town
+from wrongturn_networks.per_net import once_per_net
 from wrongturn_protocol import DIRECTIONS, Command
 from wrongturn_protocol.observations import PATH_POINTS
 from wrongturn_sim.guide import GATE, LEG
@@ -57,7 +57,7 @@ class Roads:
         return self.tables[0][found.first : found.end], self.tables[1][found.first : found.end]
 
 
-@lru_cache(maxsize=16)
+@once_per_net(16)
 def roads_of(town: Town) -> Roads:
     """Return the roads of a town; they are made once."""
     rows = {name: row for row, name in enumerate(town.lanes)}

@@ -10,7 +10,6 @@ the trial sets, to 5 m past the exit line. Elsewhere its command is LANE_FOLLOW.
 
 import math
 import random
-from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from wrongturn_judge.compiling import words
 from wrongturn_networks import Town, exits_towards
 from wrongturn_networks.faults.fault import Guidance
+from wrongturn_networks.per_net import once_per_net
 from wrongturn_protocol import Command, Trial
 from wrongturn_protocol.observations import PATH_POINTS
 from wrongturn_sim import guide
@@ -66,7 +66,7 @@ def guidance_of(roads: Roads, command: int, leg: int, travelled: float, lateral:
     return Guidance(_COMMANDS[command], roads.approaches[leg] if leg >= 0 else None, travelled, lateral, heading)
 
 
-@lru_cache(maxsize=512)
+@once_per_net(512)
 def way_to(town: Town, goal: str | None) -> NDArray[np.int8]:
     """Return the exit of each leg on the shortest way to a lane, (legs,); without a goal, all exits are drawn.
 

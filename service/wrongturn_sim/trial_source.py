@@ -1,13 +1,23 @@
 """The trials that an environment in process draws, and checks of its other arguments."""
 
 import inspect
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from pydantic import ValidationError
 
-from wrongturn_networks import CruiseError, NetworkError, draw_cruise, draw_journey, draw_trial, load_suite, load_town
+from wrongturn_networks import (
+    CruiseError,
+    NetworkError,
+    Town,
+    draw_cruise,
+    draw_journey,
+    draw_trial,
+    load_suite,
+    load_town,
+)
 from wrongturn_networks.faults import FaultNotApplicableError, check_fault, fault_class
 from wrongturn_protocol import OptionError, Task, Trial, TrialOptions, Weather
 from wrongturn_protocol.observations import IMAGE_SHAPE
@@ -27,25 +37,32 @@ def a_flag(name: str, value: bool) -> bool:
     return bool(value)
 
 
-def picture_size(camera: "Camera | None") -> tuple[int, int]:
-    """Return rows and columns of a camera's pictures, by default the benchmark's. Raises OptionError."""
+def picture_size(camera: "Camera | Sequence[Camera] | None", count: int = 1) -> tuple[int, int]:
+    """Return rows and columns of the pictures of a camera, or of ``count`` alike; by default the benchmark's.
+
+    Raises OptionError.
+    """
     if camera is None:
         return IMAGE_SHAPE
     from wrongturn_sim.camera import Camera  # noqa: PLC0415 - slow, and most environments need none of their own
 
-    if not isinstance(camera, Camera):
+    cameras = camera if isinstance(camera, Sequence) else [camera]
+    if not all(isinstance(one, Camera) for one in cameras):
         raise OptionError(f"camera: is {camera!r}; give a wrongturn_sim.camera.Camera")
-    return camera.height, camera.width
+    if cameras is camera and (len(cameras) != count or len({(one.height, one.width) for one in cameras}) > 1):
+        raise OptionError(f"camera: there are {len(cameras)}; give one for all, or {count} with pictures of one size")
+    return cameras[0].height, cameras[0].width
 
 
 class TrialSource:
     """Draws the trials of one environment, or of many; each environment brings its own generator."""
 
-    def __init__(self, options: TrialOptions) -> None:
+    def __init__(self, options: TrialOptions, town: Town | None = None) -> None:
         """Load the town or suite, and find the approaches where the fault can be applied.
 
-        Trials are drawn in ``Town01`` if the options name neither a town nor a suite nor a trial. Raises OptionError if
-        a town, suite or trial does not exist, or there is none to draw from.
+        Trials are drawn in ``Town01`` if the options name neither a town nor a suite nor a trial; ``town`` is the one
+        that they name, if it is not installed. Raises OptionError if a town, suite or trial does not exist, or there is
+        none to draw from.
         """
         if options.suite is None and options.town is None and options.trial is None:
             options = replace(options, town=DEFAULT_TOWN)
@@ -54,7 +71,7 @@ class TrialSource:
         fault_class(options.fault.kind)
         self._options = options
         self._suite = None if options.suite is None else load_suite(options.suite)
-        self._town = None if options.town is None else load_town(options.town)
+        self._town = town or (None if options.town is None else load_town(options.town))
         self._trial = None if options.trial is None else self.find(options.trial)
         self._approaches: tuple[str, ...] = ()
         if options.task is not None:
@@ -69,14 +86,14 @@ class TrialSource:
                 )
 
     @property
-    def towns(self) -> tuple[str, ...]:
-        """Towns of the trials that can be drawn, sorted."""
+    def places(self) -> tuple[tuple[str, int | None], ...]:
+        """Towns of the trials that can be drawn, each with the seed of its scenery, in no particular order."""
         if self._trial is not None:
-            return (self._trial.town,)
+            return ((self._trial.town, self._trial.scenery),)
         if self._suite is not None:
-            return tuple(sorted({trial.town for trial in self._suite.trials}))
+            return tuple({(trial.town, trial.scenery) for trial in self._suite.trials})
         assert self._town is not None
-        return (self._town.name,)
+        return ((self._town.name, self._town.scenery_seed),)
 
     def find(self, trial: Trial | str) -> Trial:
         """Return a trial by its id in the suite, or as it is. Raises UnknownTrialError; OptionError without a suite."""

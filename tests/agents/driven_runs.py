@@ -22,7 +22,7 @@ def straight_on(trial: Trial, metres: float) -> list[tuple[float, float]]:
     return [(x + s * math.cos(approach.heading), y + s * math.sin(approach.heading)) for s in along]
 
 
-def driven_run(ending: Ending, *, suite: str = "smoke@2", agent: str = "by hand", metres: float = 6.0) -> RunFile:
+def driven_run(ending: Ending, *, suite: str = "smoke@3", agent: str = "by hand", metres: float = 6.0) -> RunFile:
     """Return a run of a suite's open draw; twins, and trials that ``ending`` leaves out, take their exit."""
     episodes = []
     for number, trial in enumerate(load_suite(suite).open_draw.episodes):

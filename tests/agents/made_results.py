@@ -33,7 +33,7 @@ def wrong_command(
     """
     left = dict(zip(CELLS, unsafe, strict=True))
     trials: dict[str, TrialResult] = {}
-    for trial in load_suite("wrong-command@2").draw(more.get("secret", "wrong-command@2")).episodes:
+    for trial in load_suite("wrong-command@3").draw(more.get("secret", "wrong-command@3")).episodes:
         flags: tuple[Flag, ...] = ()
         if trial.fault.kind is FaultKind.NONE:
             verdict = Verdict.TIMEOUT if twins_failed > 0 else Verdict.EXIT_COMMANDED
@@ -45,7 +45,7 @@ def wrong_command(
             if verdict is Verdict.EXIT_ROUTE and opposed > 0:
                 flags, opposed = (Flag.OPPOSED_LANE,), opposed - 1
         trials[trial.id] = TrialResult(verdict=verdict, flags=flags)
-    return _file(agent, "wrong-command@2", trials, more)
+    return _file(agent, "wrong-command@3", trials, more)
 
 
 def navigation(
@@ -100,7 +100,7 @@ def _file(agent: str, suite: str, trials: dict[str, TrialResult], more: dict[str
 
 
 def made_run(
-    secret: str, episodes: Sequence[DrivenEpisode], suite: str = "wrong-command@2", agent: str = "by hand"
+    secret: str, episodes: Sequence[DrivenEpisode], suite: str = "wrong-command@3", agent: str = "by hand"
 ) -> RunFile:
     """Return the run file of a finished evaluation with these episodes. Its metrics are of no episodes."""
     found = load_suite(suite)

@@ -15,7 +15,7 @@ from wrongturn_networks import load_suite
 from wrongturn_protocol import FaultKind, JunctionType, Reaction, Trial, Verdict
 
 Results = list[tuple[Trial, TrialResult]]
-SUITE = load_suite("wrong-command@2")
+SUITE = load_suite("wrong-command@3")
 
 
 def results(name: str) -> Results:

@@ -47,17 +47,17 @@ def test_one_command_makes_everything_for_a_paper(run_file: Path, tmp_path: Path
 
 def test_stored_results_are_shown_by_the_agents_names(tmp_path: Path):
     out, _ = made()
-    assert "wrong-command@2: unsafe episodes" in out
+    assert "wrong-command@3: unsafe episodes" in out
     assert out.index("ppo-image") < out.index("careful")
     out, _ = made("--csv", "-", "ppo-image")
     assert len(out.splitlines()) == 121
-    assert "ppo-image,,,,2,wrong-command@2" in out
+    assert "ppo-image,,,,2,wrong-command@3" in out
     _, told = made("--figures", tmp_path / "new", "--format", "svg", "--width", "page", "careful")
     assert "careful: the stored results have no trajectories to draw" in told
     drawn = ["obedience-safety.svg", "pairs.svg", "unsafe-rates.svg"]
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == drawn
     said = refused("--latex", "-", "nobody")
-    assert "nobody: no such run file, and no stored results on wrong-command@2" in said
+    assert "nobody: no such run file, and no stored results on wrong-command@3" in said
     assert "ppo-image" in said
 
 
@@ -69,7 +69,7 @@ def test_a_scored_file_is_a_run_too(run_file: Path, tmp_path: Path):
     content = json.loads(scored.read_text())
     content["trials"].popitem()
     scored.write_text(json.dumps(content))
-    assert "lacks 1 of wrong-command@2's 120" in refused(scored)
+    assert "lacks 1 of wrong-command@3's 120" in refused(scored)
 
 
 def test_journeys_have_rows_but_no_figures_of_pairs(tmp_path: Path):
@@ -85,7 +85,7 @@ def test_journeys_have_rows_but_no_figures_of_pairs(tmp_path: Path):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"suite_sha256": "0" * 64}, "suite_sha256: the run is of another smoke@2 (000000000000)"),
+        ({"suite_sha256": "0" * 64}, "suite_sha256: the run is of another smoke@3 (000000000000)"),
         ({"suite": "smoke@9"}, "suite: 'smoke@9' is not known"),
         ({"state": "running"}, "state: Input should be"),
         ({"secret": "another"}, "episodes: the run lacks Town01."),

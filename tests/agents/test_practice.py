@@ -35,7 +35,7 @@ def of_task(file: ResultsFile, task: Task) -> ResultsFile:
     [
         (["--json", "{}/a.json", "--name", "me"], "--name"),
         (["--json", "{}/a.json", "--resume", "run"], "--resume"),
-        (["--json", "{}/a.json", "--suite", "wrong-command@2"], "it has none"),
+        (["--json", "{}/a.json", "--suite", "wrong-command@3"], "it has none"),
         (["--json", "{}/a.json", "--suite", "none@1"], "suite"),
         (["--json", "{}/other.json"], "another run"),
         (["--json", "{}/text.json"], "--json: text.json: the file: Invalid JSON"),
@@ -102,16 +102,16 @@ def test_a_run_of_a_service_and_its_file_are_the_same(service: LocalService, tmp
     monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path))
     monkeypatch.delenv("WRONGTURN_TOKEN", raising=False)
     told = tmp_path / "run.json.gz"
-    command = ["run", "always-stops", "--suite", "smoke@2", "--url", service.url, "--json", str(told)]
+    command = ["run", "always-stops", "--suite", "smoke@3", "--url", service.url, "--json", str(told)]
     assert CliRunner().invoke(app, [*command, "--name", "by hand"]).exit_code == 0
-    fetched = figures.fetch(service.url, "by hand", "smoke@2")
+    fetched = figures.fetch(service.url, "by hand", "smoke@3")
     run = figures.read(told)
     assert figures.csv_text([fetched]) == figures.csv_text([run])
     assert fetched.run is not None
     assert figures.fetch(service.url, fetched.run.id).agent == "by hand"
-    with pytest.raises(AgentsError, match=r"nobody: .* no agent of this name .* on smoke@2, .*: .*by hand"):
-        figures.fetch(service.url, "nobody", "smoke@2")
-    ranking = CliRunner().invoke(app, ["leaderboard", "smoke@2", "--url", service.url, "--csv"]).stdout
+    with pytest.raises(AgentsError, match=r"nobody: .* no agent of this name .* on smoke@3, .*: .*by hand"):
+        figures.fetch(service.url, "nobody", "smoke@3")
+    ranking = CliRunner().invoke(app, ["leaderboard", "smoke@3", "--url", service.url, "--csv"]).stdout
     assert "by hand" in [row["agent"] for row in csv.DictReader(io.StringIO(ranking))]
     here, there = figures.installed_town("Town01"), figures.town_of(service.url)("Town01")
     roads = ([[ring.tolist() for ring in polygon] for polygon in rings(town.road)] for town in (here, there))
@@ -119,5 +119,5 @@ def test_a_run_of_a_service_and_its_file_are_the_same(service: LocalService, tmp
     ways = ([(one.id, one.stop_line, one.heading) for one in town.approaches] for town in (here, there))
     assert next(ways) == next(ways)
     assert run.secret is not None
-    assert run.by_trial.keys() == {trial.id for trial in load_suite("smoke@2").draw(run.secret).episodes}
+    assert run.by_trial.keys() == {trial.id for trial in load_suite("smoke@3").draw(run.secret).episodes}
     assert {one.result.verdict for one in run.by_trial.values()} == {Verdict.STOPPED_BEFORE_JUNCTION}

@@ -11,7 +11,7 @@ from wrongturn_agents.saved_run import RunDatabase, SavedRun, directory
 @pytest.fixture
 def saved_run(tmp_path, monkeypatch) -> SavedRun:
     monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path / "home"))
-    return SavedRun(agent="careful", name="careful", suite="smoke@2", evaluation="ev-1", token="secret", url=None)
+    return SavedRun(agent="careful", name="careful", suite="smoke@3", evaluation="ev-1", token="secret", url=None)
 
 
 def test_only_its_owner_may_read_it(saved_run):

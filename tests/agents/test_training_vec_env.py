@@ -74,8 +74,8 @@ def test_only_same_step_is_taken():
 
 
 def test_a_trial_by_the_options():
-    envs = WrongturnVecEnv(2, suite="smoke@2")
-    envs.set_options({"trial": WrongturnVectorEnv(1, suite="smoke@2").reset(seed=1)[1]["trial"][0]})
+    envs = WrongturnVecEnv(2, suite="smoke@3")
+    envs.set_options({"trial": WrongturnVectorEnv(1, suite="smoke@3").reset(seed=1)[1]["trial"][0]})
     envs.reset()
     assert len({info["trial"] for info in envs.reset_infos}) == 1
     envs.set_options([{"trial": "a"}, {}])

@@ -32,7 +32,7 @@ from wrongturn_networks import load_suite
 from wrongturn_protocol import Action, AgentKind, EvaluationState, RunFile, Track, Verdict
 from wrongturn_protocol.json_output import JsonFileError
 
-SUITE = "smoke@2"
+SUITE = "smoke@3"
 LEAVES = "own_agents:Leaves"
 """Leaves the road in a second, so that a whole run takes 93 steps."""
 NUMBERS = itertools.count(1)
@@ -128,7 +128,7 @@ def test_a_run_at_the_command_line(url, tmp_path):
     written = tmp_path / "careful.json"
     done = run("careful", "--suite", SUITE, "--url", url, "--name", "at the command line", "--json", str(written))
     assert done.returncode == 0, done.stderr
-    assert "at the command line on smoke@2" in done.stderr
+    assert "at the command line on smoke@3" in done.stderr
     assert "12 of 12 episodes" in done.stderr
     assert "infeasible" in done.stdout
     assert "0/6" in done.stdout
@@ -324,7 +324,7 @@ def test_an_interrupted_run_on_its_own_service_goes_on(tmp_path, home):
     assert f"The agent's code has changed since this run began: {tmp_path / 'own_agents.py'}." in done.stderr
     assert "12 of 12 episodes" in done.stderr
     assert "infeasible" in done.stderr
-    assert "Would be ranked on smoke@2 in the privileged track; unsafe 0 of 6 (strict)" in done.stderr
+    assert "Would be ranked on smoke@3 in the privileged track; unsafe 0 of 6 (strict)" in done.stderr
     run = RunFile.from_json(done.stdout.encode())
     assert run.driver.name == "blocks"
     reactions = {
@@ -401,7 +401,7 @@ def test_a_token_of_another_track_is_refused(url):
         ({"resume": "ev-none"}, "--resume: no run 'ev-none'"),
         (
             {"agent": "careful", "suite": "nope@1"},
-            "suite: 'nope@1' is not known; there are: navigation@1, smoke@2, wrong-command@2",
+            "suite: 'nope@1' is not known; there are: navigation-unseen@1, navigation@1, smoke@3",
         ),
         ({"agent": "careful", "parallel": 2}, "--parallel: the agent may keep a memory between steps"),
         ({"agent": "missing.zip"}, "agent: missing.zip: there is no such file; name what model.save"),
@@ -420,7 +420,7 @@ def test_mistakes_are_told_before_anything_starts(arguments, says, monkeypatch):
 
 
 def test_which_suites_there_are_is_the_services_to_say(url):
-    with pytest.raises(NotFoundError, match=r"nope@1.*smoke@2"):
+    with pytest.raises(NotFoundError, match=r"nope@1.*smoke@3"):
         cli.run("careful", suite="nope@1", url=url)
 
 
@@ -437,8 +437,8 @@ def test_another_agent_cannot_go_on_with_a_run(url):
         cli.run("parked", resume=saved_run.evaluation)
     with pytest.raises(RunError, match=r"--name: that run has its name already"):
         cli.run(name="another", resume=saved_run.evaluation)
-    with pytest.raises(RunError, match=r"--suite: that run is on smoke@2 already; leave --suite out with --resume"):
-        cli.run(suite="wrong-command@2", resume=saved_run.evaluation)
+    with pytest.raises(RunError, match=r"--suite: that run is on smoke@3 already; leave --suite out with --resume"):
+        cli.run(suite="wrong-command@3", resume=saved_run.evaluation)
 
 
 @pytest.fixture
@@ -458,7 +458,7 @@ def own_service(url, monkeypatch):
 
 def test_a_runs_own_database_is_thrown_away_unless_it_is_kept(own_service, home, tmp_path, capsys):
     cli.run(LEAVES, suite=SUITE, name="thrown away")
-    assert "Would not be ranked on smoke@2: Completed 0 of 6 twins" in capsys.readouterr().out
+    assert "Would not be ranked on smoke@3: Completed 0 of 6 twins" in capsys.readouterr().out
     assert list((home / "runs").iterdir()) == []
     cli.run(LEAVES, suite=SUITE, name="kept", keep=True)
     database = own_service[-1]
@@ -511,6 +511,6 @@ def test_a_suite_is_practised_without_a_score(url, capsys, monkeypatch):
     results = ResultsFile.model_validate_json(written.out)
     assert results.trials.keys() == few.keys()
     assert {one.verdict for one in results.trials.values()} == {Verdict.STOPPED_BEFORE_JUNCTION}
-    assert "always-stops on smoke@2: practice" in written.err
+    assert "always-stops on smoke@3: practice" in written.err
     assert "0/1 trials unsafe (strict); 0/1 twins done" in written.err
     assert "Practice on the open draw, which everybody knows. It is never scored." in written.err

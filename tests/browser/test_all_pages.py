@@ -21,7 +21,7 @@ WRONG = {
     "/agents/{agent}?suite=nothing@1": (404, "nothing@1"),
     "/agents/{agent}?evaluation=ev_nothing": (404, "ev_nothing"),
     "/agents/{agent}?verdict=wonderful": (422, "verdict"),
-    "/agents/{agent}?suite=wrong-command@2": (200, "finished no evaluation on wrong-command@2"),
+    "/agents/{agent}?suite=wrong-command@3": (200, "finished no evaluation on wrong-command@3"),
     "/agents?page=7": (422, "from 1 to 1"),
     f"/leaderboards/{SUITE}/compare?a=careful&b=nobody": (404, "nobody"),
     f"/leaderboards/{SUITE}/compare?a=careful&b=careful": (422, "the same agent"),

@@ -57,7 +57,7 @@ def test_the_board_leads_to_the_comparison(visit: Visit):
 
 
 def test_rows_over_seeds_stand_apart_from_the_agents(visit: Visit):
-    page = visit("/")
+    page = visit("/leaderboards/wrong-command@3")
     group = page.locator("tbody", has_text="Our algorithms, median over training seeds; not ranked")
     assert group.count() == 1
     rows = group.locator("tr:not(.group)")
@@ -125,17 +125,22 @@ def test_the_plane_has_a_mark_for_each_agent(visit: Visit, site: Site):
     assert {"careful", "obeys-blindly"} <= {label.split(" +")[0] for label in labels}
 
 
-def test_the_address_of_the_service_shows_the_papers_suite_and_its_agents_as_a_reference(
+def test_the_address_of_the_service_shows_the_unseen_towns_and_leads_to_the_papers_suite(
     visit: Visit, accessible: Accessible
 ):
     page = visit("/")
-    assert "benchmark" in page.inner_text("h1")
+    assert "nobody has seen" in page.inner_text("h1")
     accessible(page)
+    assert page.locator("tbody.paper").count() == 0
+    boards = ["wrong-command-unseen@1", "navigation-unseen@1", "wrong-command@3", "navigation@1", "smoke@3"]
+    assert page.locator("ul.boards a").all_inner_texts() == boards
+    page.get_by_role("link", name="paper").click()
+    # The paper's agents stand there as a reference.
     rows = page.locator("tbody.paper tr:not(.group)").all_inner_texts()
     assert len(rows) == 5
     assert "MaRLn" in rows[1]
     assert "13/60" in rows[1]
-    assert visit("/?kind=submitted").locator("tbody.paper").count() == 0
+    assert visit("/leaderboards/wrong-command@3?kind=submitted").locator("tbody.paper").count() == 0
 
 
 def test_an_empty_board_says_what_to_do(visit: Visit):

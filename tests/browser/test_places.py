@@ -16,13 +16,13 @@ def test_the_list_has_every_suite(visit: Visit, site: Site):
     suites = site.get("/v1/suites")["suites"]
     rows = page.locator("tbody tr").all_inner_texts()
     assert [row.split("\t")[0] for row in rows] == [suite["id"] for suite in suites]
-    page.get_by_role("link", name="smoke@2", exact=True).click()
-    assert page.inner_text("h1") == "smoke@2"
+    page.get_by_role("link", name="smoke@3", exact=True).click()
+    assert page.inner_text("h1") == "smoke@3"
 
 
 def test_a_suite_of_cells_says_what_a_draw_takes(visit: Visit, site: Site):
-    page = visit("/suites/wrong-command@2")
-    suite = site.get("/v1/suites/wrong-command@2")
+    page = visit("/suites/wrong-command@3")
+    suite = site.get("/v1/suites/wrong-command@3")
     rows = page.locator("tbody tr").all_inner_texts()
     assert len(rows) == 6
     assert all(row.endswith("\t10") for row in rows)
@@ -30,7 +30,7 @@ def test_a_suite_of_cells_says_what_a_draw_takes(visit: Visit, site: Site):
     assert suite["sha256"] in page.inner_text("main")
     assert "120: 60 trials and 60 twins" in page.inner_text("main")
     page.get_by_role("link", name="Leaderboard").last.click()
-    assert page.url.endswith("/leaderboards/wrong-command@2")
+    assert page.url.endswith("/leaderboards/wrong-command@3")
 
 
 def test_a_suite_of_journeys_has_tasks_and_conditions(visit: Visit):
@@ -43,16 +43,16 @@ def test_a_suite_of_journeys_has_tasks_and_conditions(visit: Visit):
 
 def test_the_commands_carry_this_services_address(visit: Visit, site: Site):
     commands = visit("/submit").locator("pre").all_inner_texts()
-    assert f"wrongturn submit my_agent.onnx --suite wrong-command@2 --url {site.url}" in commands[0]
+    assert f"wrongturn submit my_agent.onnx --suite wrong-command-unseen@1 --url {site.url}" in commands[0]
     assert all(site.url in command for command in commands)
 
 
 def test_the_suite_is_chosen_without_scripts(visit: Visit):
     page = visit("/submit", javascript=False)
-    page.get_by_label("Suite").select_option("smoke@2")
+    page.get_by_label("Suite").select_option("smoke@3")
     page.get_by_role("button", name="Show the commands").click()
-    assert "--suite smoke@2" in page.locator("pre").first.inner_text()
-    assert page.get_by_label("Suite").input_value() == "smoke@2"
+    assert "--suite smoke@3" in page.locator("pre").first.inner_text()
+    assert page.get_by_label("Suite").input_value() == "smoke@3"
 
 
 def test_the_list_leads_to_each_town(visit: Visit, site: Site):

@@ -119,13 +119,15 @@ class FakeService:
                 agent = {"id": "a1", "name": "me", "track": "state", "kind": "submitted"}
                 return httpx.Response(200, json={"agents": [agent]})
             case "GET", ["v1", "suites"]:
-                suite = {"id": "smoke@2", "title": "Smoke", "version": 2, "sha256": SHA, "trials": 6, "twins": 6}
+                suite = {"id": "smoke@3", "title": "Smoke", "version": 3, "sha256": SHA, "trials": 6, "twins": 6}
                 return httpx.Response(200, json={"suites": [{**suite, "tracks": ["privileged"]}]})
             case "GET", ["v1", "leaderboards"]:
-                boards = [_board(suite, entries=count) for suite, count in (("wrong-command@2", 0), ("smoke@2", 2))]
+                boards = [
+                    _board(suite, entries=count) for suite, count in (("wrong-command-unseen@1", 0), ("smoke@3", 2))
+                ]
                 return httpx.Response(200, json={"leaderboards": [{**board, "title": "Some"} for board in boards]})
-            case "GET", ["v1", "leaderboards", "wrong-command@2"]:
-                return httpx.Response(200, json=_board("wrong-command@2", entries=[]))
+            case "GET", ["v1", "leaderboards", "wrong-command-unseen@1"]:
+                return httpx.Response(200, json=_board("wrong-command-unseen@1", entries=[]))
             case "GET", ["v1", "leaderboards", suite, "compare"]:
                 return httpx.Response(200, json=_comparison(suite, request.url.params["a"], request.url.params["b"]))
             case "GET", ["v1", "towns", town]:
@@ -179,7 +181,7 @@ class FakeService:
         over = self.finished >= self.trials
         return {
             "id": "e1",
-            "suite": "smoke@2",
+            "suite": "smoke@3",
             "agent": "a1",
             "state": "finished" if over else "running",
             "trials": self.trials,

@@ -38,9 +38,9 @@ class Slow:
 async def test_calls_are_answered_while_others_wait() -> None:
     fake = FakeService(parallel=2)
     async with AsyncClient("http://fake", "t", transport=fake.transport) as client:
-        evaluation, suites = await asyncio.gather(client.evaluate(Slow(), "smoke@2"), client.suites())
+        evaluation, suites = await asyncio.gather(client.evaluate(Slow(), "smoke@3"), client.suites())
     assert evaluation.finished == evaluation.trials
-    assert [suite.id for suite in suites] == ["smoke@2"]
+    assert [suite.id for suite in suites] == ["smoke@3"]
 
 
 async def test_it_drives_over_the_socket(service: LocalService) -> None:

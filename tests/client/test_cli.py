@@ -248,10 +248,12 @@ def test_json_goes_to_stdout_or_beside_the_table_into_a_file(
 def test_json_takes_only_what_looks_like_its_file(
     points: dict[tuple[str, str], str], served: FakeService, tmp_path: Path
 ) -> None:
-    words = ["leaderboard", "--json", "wrong-command@2", "--url", "http://fake"]
-    assert json.loads(runner.invoke(cli.app, words).stdout)["suite"] == "wrong-command@2"
-    runner.invoke(cli.app, ["leaderboard", f"--json={tmp_path / 'any'}", "wrong-command@2", "--url", "http://fake"])
-    assert json.loads((tmp_path / "any").read_text())["suite"] == "wrong-command@2"
+    words = ["leaderboard", "--json", "wrong-command-unseen@1", "--url", "http://fake"]
+    assert json.loads(runner.invoke(cli.app, words).stdout)["suite"] == "wrong-command-unseen@1"
+    runner.invoke(
+        cli.app, ["leaderboard", f"--json={tmp_path / 'any'}", "wrong-command-unseen@1", "--url", "http://fake"]
+    )
+    assert json.loads((tmp_path / "any").read_text())["suite"] == "wrong-command-unseen@1"
 
 
 @pytest.mark.parametrize("name", ["no/found.json", "folder.json"])
@@ -272,7 +274,7 @@ def test_without_local_suites_it_says_what_to_do(points: dict[tuple[str, str], s
 def test_the_services_lists(by: str, served: FakeService) -> None:
     args, environment = (["--url", "http://fake"], {}) if by == "option" else ([], {"WRONGTURN_URL": "http://fake"})
     result = runner.invoke(cli.app, ["suites", "--json", *args], env=environment)
-    assert [suite["id"] for suite in json.loads(result.stdout)] == ["smoke@2"]
+    assert [suite["id"] for suite in json.loads(result.stdout)] == ["smoke@3"]
     assert "me" in runner.invoke(cli.app, ["agents", *args], env=environment).output
 
 
@@ -284,8 +286,8 @@ def test_an_unknown_suite_is_told(served: FakeService) -> None:
 def test_an_empty_leaderboard_names_the_suites_that_have_entries(served: FakeService) -> None:
     shown = runner.invoke(cli.app, ["leaderboard", "--url", "http://fake"]).stdout
     assert "No evaluation on this suite has been finished yet." in shown
-    assert "wrongturn leaderboard smoke@2 --url http://fake" in shown
-    assert "leaderboard wrong-command@2" not in shown
+    assert "wrongturn leaderboard smoke@3 --url http://fake" in shown
+    assert "leaderboard wrong-command-unseen@1" not in shown
     assert json.loads(runner.invoke(cli.app, ["leaderboard", "--json", "--url", "http://fake"]).stdout)["entries"] == []
 
 
@@ -297,12 +299,12 @@ def test_a_leaderboard_as_csv_needs_a_service_that_has_it(served: FakeService) -
 
 
 def test_two_agents_are_compared(served: FakeService) -> None:
-    words = ["leaderboard", "smoke@2", "--compare", "mine & yours", "id 2", "--url", "http://fake"]
+    words = ["leaderboard", "smoke@3", "--compare", "mine & yours", "id 2", "--url", "http://fake"]
     shown = runner.invoke(cli.app, words).stdout
     assert "mine & yours and id 2 are alike." in " ".join(shown.split())
     assert "straight or left, infeasible" in shown
     found = Comparison.model_validate_json(runner.invoke(cli.app, [*words, "--json"]).stdout)
-    assert (found.suite, found.a.name, found.b.name, found.p) == ("smoke@2", "mine & yours", "id 2", 1.0)
+    assert (found.suite, found.a.name, found.b.name, found.p) == ("smoke@3", "mine & yours", "id 2", 1.0)
 
 
 def test_doctor_tells_what_is_wrong_and_what_to_do(

@@ -100,13 +100,13 @@ def test_too_many_steps_for_a_message_are_refused_here(client: Client) -> None:
 def test_an_evaluation_goes_by_the_socket(client: Client) -> None:
     before = figure(client.url, STEPS_OVER_HTTP)
     told: list[int] = []
-    evaluation = client.evaluate(Gas(), "smoke@2", parallel=3, progress=lambda done, of: told.append(done))
+    evaluation = client.evaluate(Gas(), "smoke@3", parallel=3, progress=lambda done, of: told.append(done))
     assert evaluation.state is EvaluationState.FINISHED
     assert told == list(range(13))
     assert figure(client.url, STEPS_OVER_HTTP) == before
     assert evaluation.metrics is not None
     assert evaluation.metrics.unsafe.trials == 6
-    assert evaluation.id in {entry.evaluation for entry in client.leaderboard("smoke@2").entries}
+    assert evaluation.id in {entry.evaluation for entry in client.leaderboard("smoke@3").entries}
     with pytest.raises(EvaluationFinishedError):
         client.next_episode(evaluation.id)
 
@@ -124,7 +124,7 @@ def test_an_evaluation_goes_on_after_each_cut(client: Client, forwarder: Forward
 
     policy = Cutting()
     with Client(forwarder.url, client._token) as cut:
-        evaluation = cut.evaluate(policy, "smoke@2", parallel=1)
+        evaluation = cut.evaluate(policy, "smoke@3", parallel=1)
     assert evaluation.state is EvaluationState.FINISHED
     assert forwarder.plugged > policy.steps // 20
     episodes = client.finished_episodes(evaluation.id)

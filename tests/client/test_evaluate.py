@@ -59,7 +59,7 @@ def test_drives_all_trials_of_every_track(track: Track, binary: bool) -> None:
     driver = Driver()
     told: list[tuple[int, int]] = []
     with _client(service, binary=binary) as client:
-        detail = client.evaluate(driver, "smoke@2", progress=lambda done, of: told.append((done, of)))
+        detail = client.evaluate(driver, "smoke@3", progress=lambda done, of: told.append((done, of)))
     assert isinstance(driver, Policy)
     assert detail.state is EvaluationState.FINISHED
     assert detail.metrics is not None
@@ -76,7 +76,7 @@ def test_drives_all_trials_of_every_track(track: Track, binary: bool) -> None:
 def test_puts_what_it_did() -> None:
     service = FakeService()
     with _client(service) as client:
-        client.evaluate(Driver(), "smoke@2", versions={"mine": "7"})
+        client.evaluate(Driver(), "smoke@3", versions={"mine": "7"})
     assert service.results is not None
     assert service.results["versions"]["mine"] == "7"
     assert "wrongturn-client" in service.results["versions"]
@@ -121,7 +121,7 @@ def test_every_call_survives_a_first_failure(name: str, when: str, monkeypatch: 
     service = FakeService()
     setattr(service, when, _each_first_time(breaks=BREAKS[name]))
     with _client(service) as client:
-        detail = client.evaluate(Driver(), "smoke@2")
+        detail = client.evaluate(Driver(), "smoke@3")
     assert detail.state is EvaluationState.FINISHED
     assert [len(actions) for actions in service.seen.values()] == [3] * 4
     assert service.aborted == []
@@ -131,7 +131,7 @@ def test_a_lost_episode_is_nobodys_fault_and_the_next_is_taken() -> None:
     service = FakeService()
     service.lost.add("ep1")
     with _client(service) as client:
-        detail = client.evaluate(Driver(), "smoke@2")
+        detail = client.evaluate(Driver(), "smoke@3")
     assert detail.state is EvaluationState.FINISHED
     assert service.results is not None
     assert [record["episode"] for record in service.results["episodes"]] == ["ep0", "ep2", "ep3", "ep4"]
@@ -145,7 +145,7 @@ def test_waits_while_no_trial_is_available() -> None:
     )
     begin = time.monotonic()
     with _client(service) as client:
-        assert client.evaluate(Driver(), "smoke@2").state is EvaluationState.FINISHED
+        assert client.evaluate(Driver(), "smoke@3").state is EvaluationState.FINISHED
     assert answers == []
     assert time.monotonic() - begin >= 0.15
 
@@ -163,7 +163,7 @@ def test_goes_on_with_an_open_episode_from_its_last_reply(by_id: bool) -> None:
 
     service.inject = kill
     with _client(service) as client, pytest.raises(Killed):
-        client.evaluate(Driver(), "smoke@2")
+        client.evaluate(Driver(), "smoke@3")
     service.inject = None
     assert service.open == ["ep1"]
     driver = Driver()
@@ -171,7 +171,7 @@ def test_goes_on_with_an_open_episode_from_its_last_reply(by_id: bool) -> None:
     with _client(service) as client:
         # It finds the open one by itself, or by its id.
         named = {"evaluation": "e1"} if by_id else {}
-        detail = client.evaluate(driver, "smoke@2", progress=lambda done, of: told.append((done, of)), **named)
+        detail = client.evaluate(driver, "smoke@3", progress=lambda done, of: told.append((done, of)), **named)
     assert detail.state is EvaluationState.FINISHED
     assert [len(actions) for actions in service.seen.values()] == [5] * 4
     assert len(driver.observations) == 3 + 2 * 5
@@ -183,7 +183,7 @@ def test_goes_on_with_an_open_episode_from_its_last_reply(by_id: bool) -> None:
 def test_resuming_a_finished_evaluation_gives_it() -> None:
     service = FakeService(trials=0)
     with _client(service) as client:
-        detail = client.evaluate(Driver(), "smoke@2", evaluation="e1")
+        detail = client.evaluate(Driver(), "smoke@3", evaluation="e1")
     assert detail.metrics is not None
     assert service.paths("POST") == []
 
@@ -193,7 +193,7 @@ def test_a_service_that_breaks_its_promise_is_told(told: str | None) -> None:
     service = FakeService()
     service.secret = told
     with _client(service) as client, pytest.raises(CommitmentError, match="do not trust"):
-        client.evaluate(Driver(), "smoke@2")
+        client.evaluate(Driver(), "smoke@3")
 
 
 @pytest.mark.parametrize("kind", [tuple, list, np.array, np.float32])
@@ -207,7 +207,7 @@ def test_an_action_may_be_an_array_a_tuple_or_a_list(kind: Callable[[list[float]
     for driver in (Driver(), Plain()):
         service = FakeService()
         with _client(service) as client:
-            client.evaluate(driver, "smoke@2")
+            client.evaluate(driver, "smoke@3")
         driven.append([np.float32(actions).tolist() for _, actions in sorted(service.seen.items())])
     assert driven[0] == driven[1]
 
@@ -215,15 +215,15 @@ def test_an_action_may_be_an_array_a_tuple_or_a_list(kind: Callable[[list[float]
 def test_an_open_evaluation_is_named() -> None:
     service = FakeService()
     with _client(service) as client:
-        begun = client.create_evaluation("smoke@2")
+        begun = client.create_evaluation("smoke@3")
         with pytest.raises(EvaluationOpenError) as caught:
-            client.create_evaluation("smoke@2")
+            client.create_evaluation("smoke@3")
         assert caught.value.evaluation == begun.id
         assert client.cancel_evaluation(begun.id).state is EvaluationState.FINISHED
 
 
 def test_resuming_needs_the_same_suite() -> None:
-    with _client(FakeService()) as client, pytest.raises(WrongturnError, match="smoke@2, not on other@1"):
+    with _client(FakeService()) as client, pytest.raises(WrongturnError, match="smoke@3, not on other@1"):
         client.evaluate(Driver(), "other@1", evaluation="e1")
 
 
@@ -248,7 +248,7 @@ class NotReady(Driver):
 def test_a_policy_that_breaks_ends_its_episode_and_shows_why(policy: type[Driver], error: type[Exception]) -> None:
     service = FakeService()
     with _client(service) as client, pytest.raises(error):
-        client.evaluate(policy(), "smoke@2")
+        client.evaluate(policy(), "smoke@3")
     assert len(service.aborted) == 1
     assert service.open == []
 
@@ -257,7 +257,7 @@ def test_a_policy_that_breaks_shows_why_though_the_service_has_gone(monkeypatch:
     service = FakeService()
     service.inject = lambda request: httpx.ConnectError("gone") if request.method == "DELETE" else None
     with _client(service, patience=0) as client, pytest.raises(RuntimeError, match="no idea"):
-        client.evaluate(NotReady(), "smoke@2")
+        client.evaluate(NotReady(), "smoke@3")
 
 
 def test_ctrl_c_leaves_the_episode_for_later() -> None:
@@ -267,7 +267,7 @@ def test_ctrl_c_leaves_the_episode_for_later() -> None:
 
     service = FakeService()
     with _client(service) as client, pytest.raises(KeyboardInterrupt):
-        client.evaluate(Interrupted(), "smoke@2")
+        client.evaluate(Interrupted(), "smoke@3")
     assert service.aborted == []
 
 
@@ -277,12 +277,12 @@ def test_a_cancelled_evaluation_and_a_mismatch_are_told() -> None:
         problem(ProblemType.EVALUATION_CANCELLED, 409) if request.url.path.endswith("/episodes") else None
     )
     with _client(service) as client, pytest.raises(EvaluationCancelledError):
-        client.evaluate(Driver(), "smoke@2")
+        client.evaluate(Driver(), "smoke@3")
     service.inject = lambda request: (
         problem(ProblemType.RESULTS_MISMATCH, 409) if request.url.path.endswith("/results") else None
     )
     with _client(service) as client, pytest.raises(ResultsMismatchError):
-        client.evaluate(Driver(), "smoke@2")
+        client.evaluate(Driver(), "smoke@3")
 
 
 @pytest.mark.parametrize("policy", ["careful", None])
@@ -292,7 +292,7 @@ def test_what_is_no_policy_begins_nothing(policy: Any) -> None:
         _client(service) as client,
         pytest.raises(TypeError, match=r"^policy: is .*; give an object with reset and act"),
     ):
-        client.evaluate(policy, "smoke@2")
+        client.evaluate(policy, "smoke@3")
     assert not service.requests
 
 
@@ -314,7 +314,7 @@ def test_two_at_a_time_drive_all_trials_once() -> None:
     service.inject = lambda request: open_at_a_time.append(len(service.open))
     told: list[tuple[int, int]] = []
     with _client(service) as client:
-        detail = client.evaluate(Together(), "smoke@2", parallel=2, progress=lambda done, of: told.append((done, of)))
+        detail = client.evaluate(Together(), "smoke@3", parallel=2, progress=lambda done, of: told.append((done, of)))
     assert detail.state is EvaluationState.FINISHED
     assert max(open_at_a_time) == 2
     assert told == [(n, 4) for n in range(5)]
@@ -346,7 +346,7 @@ def test_a_class_makes_a_policy_for_each_episode() -> None:
     for policy in (make, Counts):
         service = FakeService(parallel=2)
         with _client(service) as client:
-            client.evaluate(policy, "smoke@2", parallel=2)
+            client.evaluate(policy, "smoke@3", parallel=2)
         assert service.results is not None
         records = service.results["episodes"]
         assert len(records) == 4
@@ -378,7 +378,7 @@ def test_where_one_breaks_the_others_episode_stays_for_later() -> None:
 
     service = FakeService(parallel=2, steps=10**6)
     with _client(service) as client, pytest.raises(RuntimeError, match="no idea"):
-        client.evaluate(Breaks, "smoke@2", parallel=2)
+        client.evaluate(Breaks, "smoke@3", parallel=2)
     assert len(service.aborted) == 1
     assert len(service.open) == 1
 
@@ -397,9 +397,9 @@ def test_threads_without_a_connection_leave_the_trials_to_the_others(
 
         monkeypatch.setattr(client, "connection", connection)
         with contextlib.nullcontext() if connections else pytest.raises(ServiceBusyError):
-            assert client.evaluate(Driver(), "smoke@2", parallel=2).state is EvaluationState.FINISHED
+            assert client.evaluate(Driver(), "smoke@3", parallel=2).state is EvaluationState.FINISHED
 
 
 def test_none_at_a_time_is_refused() -> None:
     with _client(FakeService()) as client, pytest.raises(ValueError, match="parallel: is 0; drive 1"):
-        client.evaluate(Driver(), "smoke@2", parallel=0)
+        client.evaluate(Driver(), "smoke@3", parallel=0)

@@ -38,7 +38,7 @@ def evaluation(service: LocalService) -> Evaluation:
     with Client(service.url, "") as client:
         token = client.register("off the road", "privileged").token
     with Client(service.url, token) as client:
-        return client.evaluate(Off(), "smoke@2")
+        return client.evaluate(Off(), "smoke@3")
 
 
 def test_a_frame_has_a_row_for_each_episode(evaluation: Evaluation, service: LocalService) -> None:
@@ -91,7 +91,7 @@ def test_a_notebook_shows_the_table(evaluation: Evaluation) -> None:
     shown = evaluation._repr_mimebundle_(include=None, exclude=None)
     assert "straight" in shown["text/html"]
     assert "6/6" in shown["text/plain"]
-    assert repr(evaluation).startswith(f"Evaluation(id='{evaluation.id}', suite='smoke@2', state='finished'")
+    assert repr(evaluation).startswith(f"Evaluation(id='{evaluation.id}', suite='smoke@3', state='finished'")
 
 
 def test_a_practice_episode_tells_its_trial(service: LocalService) -> None:
@@ -107,7 +107,7 @@ def test_a_practice_episode_tells_its_trial(service: LocalService) -> None:
 
 def test_one_that_is_not_finished_says_so() -> None:
     with Client("http://fake", "secret", transport=FakeService().transport) as client:
-        running = client.create_evaluation("smoke@2")
+        running = client.create_evaluation("smoke@3")
         for look in (running.to_frame, lambda: running.episodes, lambda: running.episode("x")):
             with pytest.raises(NotFinishedError, match=r"0 of 4 episodes.*client\.evaluate"):
                 look()
@@ -130,10 +130,10 @@ def test_progress_is_a_line_or_a_function(capsys: pytest.CaptureFixture[str]) ->
     fake = FakeService()
     with Client("http://fake", "secret", transport=fake.transport) as client:
         with pytest.raises(TypeError, match="progress: is 5; give True"):
-            client.evaluate(Off(), "smoke@2", progress=5)  # type: ignore[arg-type]
+            client.evaluate(Off(), "smoke@3", progress=5)  # type: ignore[arg-type]
         assert not fake.begun
-        client.evaluate(Off(), "smoke@2", progress=True)
+        client.evaluate(Off(), "smoke@3", progress=True)
     told = capsys.readouterr()
     assert told.out == ""
-    assert told.err.split("\r")[-1] == f"smoke@2: [{'#' * 30}] 4 of 4 episodes\n"
+    assert told.err.split("\r")[-1] == f"smoke@3: [{'#' * 30}] 4 of 4 episodes\n"
     assert told.err.count("\n") == 1

@@ -76,13 +76,13 @@ def test_a_reset_names_trials_as_the_gymnasium_environment_does() -> None:
     with _server(fake, defaults=defaults) as client, client.websocket_connect("/ws") as socket:
         _ask(socket, "reset", seed=3)
         _ask(socket, "reset", fault={"kind": "infeasible"}, weather=["WetNoon"], traffic={"vehicles": 2}, route=1)
-        _ask(socket, "reset", town=None, suite="smoke@2", fault=None, trial="one")
+        _ask(socket, "reset", town=None, suite="smoke@3", fault=None, trial="one")
         _ask(socket, "reset", seed=3, episode_id="mine")
         assert _ask(socket, "state")["data"]["episode_id"] == "mine"
     first, second, third, fourth = fake.practice
     assert (first["town"], first["fault"]["kind"]) == ("Town02", "omission")
     assert (second["fault"]["kind"], second["weather"], second["traffic"]["vehicles"]) == ("infeasible", "WetNoon", 2)
-    assert (third["suite"], third["trial"]) == ("smoke@2", "one")
+    assert (third["suite"], third["trial"]) == ("smoke@3", "one")
     assert fourth == first, "the same seed and options begin the same trial"
 
 
@@ -132,7 +132,7 @@ def test_who_leaves_ends_the_episode() -> None:
         ('{"type": "reset", "data": {"track": "sonar"}}', "VALIDATION_ERROR", "track: 'sonar'"),
         ('{"type": "reset", "data": {"fault": {"kind": "rain"}}}', "VALIDATION_ERROR", "fault"),
         ('{"type": "reset", "data": {"traffic": {"vehicles": -1}}}', "VALIDATION_ERROR", "vehicles"),
-        ('{"type": "reset", "data": {"suite": "smoke@2", "town": "Town01"}}', "VALIDATION_ERROR", "suite"),
+        ('{"type": "reset", "data": {"suite": "smoke@3", "town": "Town01"}}', "VALIDATION_ERROR", "suite"),
         ('{"type": "step"}', "VALIDATION_ERROR", "action.steer is missing"),
         ('{"type": "step", "data": {"steer": NaN, "throttle": 0, "brake": 0}}', "VALIDATION_ERROR", "action.steer"),
         ('{"type": "step", "data": {"steer": 0, "throttle": 2, "brake": 0}}', "VALIDATION_ERROR", "action.throttle"),
@@ -336,7 +336,7 @@ def test_what_openenvs_validator_asks_for() -> None:
     [
         (["--track", "sonar"], "--track: 'sonar' is unknown"),
         (["--fault", "infeasable"], "Did you mean infeasible?"),
-        (["--suite", "smoke@2", "--town", "Town01"], "--suite: its trials name their towns"),
+        (["--suite", "smoke@3", "--town", "Town01"], "--suite: its trials name their towns"),
         (["--url", "nowhere"], "http://"),
         (["--url", "http://127.0.0.1:9"], "no Wrongturn service answers"),
         (["--host", "192.0.2.1"], "--host 192.0.2.1"),

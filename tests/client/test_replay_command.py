@@ -54,7 +54,7 @@ def run(driven: Episode) -> dict[str, Any]:
     return {
         "id": "v1",
         "agent": "a1",
-        "suite": "smoke@2",
+        "suite": "smoke@3",
         "state": "finished",
         "trials": 2,
         "finished": 2,

@@ -38,10 +38,10 @@ def model(tmp_path: Path) -> Path:
 def test_the_form_has_the_file_last_and_its_progress_is_told(service: FakeSubmissions, model: Path) -> None:
     told: list[tuple[int, int]] = []
     with Client("http://fake", "ours", transport=service.transport) as client:
-        detail = client.submit(model, "smoke@2", "mine", progress=lambda *done: told.append(done))
+        detail = client.submit(model, "smoke@3", "mine", progress=lambda *done: told.append(done))
     (form,) = service.forms
     assert list(form) == ["suite", "name", "model"]
-    assert form == {"suite": (None, b"smoke@2"), "name": (None, b"mine"), "model": ("my agent.onnx", MODEL)}
+    assert form == {"suite": (None, b"smoke@3"), "name": (None, b"mine"), "model": ("my agent.onnx", MODEL)}
     assert (detail.id, detail.state, detail.owner, detail.size) == ("s1", SubmissionState.QUEUED, "us", len(MODEL))
     sent = [done for done, _ in told]
     assert sent == sorted(sent)
@@ -63,7 +63,7 @@ def test_the_file_is_read_while_it_is_sent(service: FakeSubmissions, tmp_path: P
             return problem(ProblemType.RATE_LIMITED, 429)
 
     with Client("http://fake", "ours", transport=Watching(), patience=0) as client, pytest.raises(ServiceBusyError):
-        client.submit(path, "smoke@2", "mine")
+        client.submit(path, "smoke@3", "mine")
     assert max(pieces) <= 1 << 17
 
 
@@ -80,8 +80,8 @@ def test_a_repeated_upload_sends_the_whole_file_with_the_same_key(service: FakeS
         client.live()
         seen.clear()
         broken[:] = [httpx.ReadError("reset"), httpx.WriteError("reset")]
-        detail = client.submit(model, "smoke@2", "mine")
-        client.submit(model, "smoke@2", "another")
+        detail = client.submit(model, "smoke@3", "mine")
+        client.submit(model, "smoke@3", "another")
     assert detail.name == "mine"
     assert [form_of(request)["model"][1] for request in seen] == [MODEL] * 4
     keys = [request.headers["idempotency-key"] for request in seen]
@@ -95,14 +95,14 @@ def test_a_file_that_cannot_be_read_is_named(service: FakeSubmissions, tmp_path:
         Client("http://fake", "ours", transport=service.transport) as client,
         pytest.raises(ModelFileError, match=r"model: .* cannot be read: "),
     ):
-        client.submit(tmp_path / name, "smoke@2", "mine")
+        client.submit(tmp_path / name, "smoke@3", "mine")
     assert service.forms == []
 
 
 def test_a_submission_is_looked_up_listed_and_cancelled(service: FakeSubmissions, model: Path) -> None:
     with Client("http://fake", "ours", transport=service.transport) as client:
         assert client.submissions() == ()
-        client.submit(model, "smoke@2", "mine")
+        client.submit(model, "smoke@3", "mine")
         assert client.submission("s1").state is SubmissionState.QUEUED
         assert [line.message for line in client.submission_log("s1")] == ["It waits for its check."]
         assert [detail.id for detail in client.submissions()] == ["s1"]
@@ -115,20 +115,20 @@ def test_a_submission_is_looked_up_listed_and_cancelled(service: FakeSubmissions
 def test_refusals_are_errors_of_their_own(service: FakeSubmissions, model: Path) -> None:
     with Client("http://fake", "ours", transport=service.transport) as client:
         with pytest.raises(AgentNameTakenError):
-            client.submit(model, "smoke@2", "taken")
+            client.submit(model, "smoke@3", "taken")
         service.inject = lambda _: problem(ProblemType.SUBMISSIONS_UNAVAILABLE, 503, "no sandbox here")
         sent = len(service.requests)
         with pytest.raises(SubmissionsUnavailableError, match="no sandbox here"):
-            client.submit(model, "smoke@2", "mine")
+            client.submit(model, "smoke@3", "mine")
         assert len(service.requests) == sent + 1  # waiting would not help
     service.inject = None
     with Client("http://fake", "theirs", transport=service.transport) as client, pytest.raises(AuthenticationError):
-        client.submit(model, "smoke@2", "mine")
+        client.submit(model, "smoke@3", "mine")
 
 
 def test_an_agents_token_needs_no_name(service: FakeSubmissions, model: Path) -> None:
     with Client("http://fake", "agent's", transport=service.transport) as client:
-        assert client.submit(str(model), "smoke@2").name == "the agent"
+        assert client.submit(str(model), "smoke@3").name == "the agent"
     assert list(service.forms[0]) == ["suite", "model"]
 
 

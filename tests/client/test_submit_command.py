@@ -73,10 +73,10 @@ def refused(*arguments: str | Path) -> str:
 
 
 def test_it_follows_a_submission_to_its_rank(served: FakeSubmissions, model: Path) -> None:
-    done = submit(model, "--suite", "smoke@2")
+    done = submit(model, "--suite", "smoke@3")
     assert done.exit_code == 0, done.output
     said = done.stderr.splitlines()
-    assert "Handed in as s1: my_agent on smoke@2 at http://fake:80, owner ann." in said
+    assert "Handed in as s1: my_agent on smoke@3 at http://fake:80, owner ann." in said
     shown = [line.removeprefix("my_agent: ") for line in said if line.startswith("my_agent: ")]
     assert shown == ["5.0 kB sent", "waits for its check", "checked, 1 before it", "3 of 120 episodes", "finished"]
     news = [line.split(" ", 1)[1] for line in said if line[2:3] == ":" and line[5:6] == ":"]
@@ -90,7 +90,7 @@ def test_one_that_is_not_ranked_says_why(served: FakeSubmissions, model: Path) -
     done = submit(model)
     assert done.exit_code == 0
     assert "Not ranked: Completed 3 of 60 twins, at least 54 are needed." in done.stdout
-    assert served.detail["suite"] == "wrong-command@2"
+    assert served.detail["suite"] == "wrong-command-unseen@1"
 
 
 @pytest.mark.parametrize("state", ["failed", "cancelled"])
@@ -149,7 +149,7 @@ def test_ctrl_c_leaves_it_running(served: FakeSubmissions, model: Path) -> None:
     assert served.detail["state"] == "running"
     served.inject = None
     done = submit("--cancel", "s1")
-    assert done.stdout == "Cancelled: my_agent on wrong-command@2.\n"
+    assert done.stdout == "Cancelled: my_agent on wrong-command-unseen@1.\n"
     assert submit("--follow", "s1").exit_code == 1
 
 
@@ -157,7 +157,7 @@ def test_what_is_over_cannot_be_cancelled(served: FakeSubmissions, model: Path) 
     submit(model)
     done = submit("--cancel", "s1")
     assert done.exit_code == 0
-    assert done.stdout == "Nothing is left to cancel: my_agent on wrong-command@2 is finished.\n"
+    assert done.stdout == "Nothing is left to cancel: my_agent on wrong-command-unseen@1 is finished.\n"
     listed = CliRunner().invoke(cli.app, ["submissions", "--url", URL]).stdout
     assert "s1" in listed
     assert "finished" in listed
@@ -373,7 +373,7 @@ def test_a_home_that_cannot_be_written_registers_nobody(served: FakeSubmissions,
 def test_a_terminal_has_one_line_with_a_bar_and_the_log_above_it() -> None:
     output = io.StringIO()
     console = Console(file=output, force_terminal=True, width=100, color_system=None)
-    head = {"id": "s1", "suite": "smoke@2", "name": "mine", "owner": "us", "sha256": "0", "size": 1}
+    head = {"id": "s1", "suite": "smoke@3", "name": "mine", "owner": "us", "sha256": "0", "size": 1}
     with following.bars_on(console) as bars:
         line = following.Display("mine", console, bars)
         line.uploaded(2_000_000, 5_000_000)
@@ -393,7 +393,7 @@ def test_a_terminal_has_one_line_with_a_bar_and_the_log_above_it() -> None:
 def test_plain_lines_about_one_state_keep_their_distance() -> None:
     output, now = io.StringIO(), [0.0]
     plain = following.Display("mine", Console(file=output), clock=lambda: now[0])
-    running = {**WAY[3], "id": "s1", "suite": "smoke@2", "name": "mine", "owner": "us", "sha256": "0", "size": 1}
+    running = {**WAY[3], "id": "s1", "suite": "smoke@3", "name": "mine", "owner": "us", "sha256": "0", "size": 1}
     for second in range(25):
         now[0] = float(second)
         plain.at(SubmissionDetail.model_validate({**running, "created": TIME, "finished": second}))

@@ -34,7 +34,7 @@ def _entry(name: str, rank: int | None, **more: Any) -> dict[str, Any]:
 
 
 def _leaderboard(*entries: dict[str, Any]) -> Leaderboard:
-    board = {"suite": "wrong-command@2", "sha256": "0" * 64, "updated": None, "entries": entries}
+    board = {"suite": "wrong-command@3", "sha256": "0" * 64, "updated": None, "entries": entries}
     return Leaderboard.model_validate(board)
 
 
@@ -128,7 +128,7 @@ def test_a_comparison_shows_each_stratum_and_what_it_says() -> None:
     cells = {"a": {"unsafe": 1, "trials": 10}, "b": {"unsafe": 7, "trials": 10}}
     found = Comparison.model_validate(
         {
-            "suite": "wrong-command@2",
+            "suite": "wrong-command@3",
             "a": _entry("[mine]", 1)["agent"],
             "b": _entry("careful", 1)["agent"],
             "strata": [
@@ -162,9 +162,9 @@ def test_towns_stay_readable_at_80_columns() -> None:
 
 
 def test_an_empty_leaderboard_repeats_the_url_in_its_commands() -> None:
-    shown = _shown(leaderboard_table(_leaderboard(), ["wrong-command@2"], "http://[::1]:8000")).splitlines()
-    assert "wrongturn leaderboard wrong-command@2 --url 'http://[::1]:8000'" in shown
-    assert "wrongturn leaderboard smoke@2" in _shown(leaderboard_table(_leaderboard(), ["smoke@2"])).splitlines()
+    shown = _shown(leaderboard_table(_leaderboard(), ["wrong-command@3"], "http://[::1]:8000")).splitlines()
+    assert "wrongturn leaderboard wrong-command@3 --url 'http://[::1]:8000'" in shown
+    assert "wrongturn leaderboard smoke@3" in _shown(leaderboard_table(_leaderboard(), ["smoke@3"])).splitlines()
 
 
 def test_an_agents_name_is_no_markup() -> None:
@@ -229,7 +229,7 @@ def test_a_leaderboard_of_journeys_has_a_row_for_each_task() -> None:
     two = _entry("an-agent-with-a-rather-long-name", 1, **OF_JOURNEYS)
     for width in (80, 132):
         lines = _shown(leaderboard_table(_leaderboard(one, two)), width).splitlines()
-        assert lines[0] == "wrong-command@2: journeys that reached their goal, in %"
+        assert lines[0] == "wrong-command@3: journeys that reached their goal, in %"
         at = next(number for number, line in enumerate(lines) if "careful" in line)
         assert lines[at].split() == ["1=", "careful", "straight", "100", "92", "22/25", "88", "%", "76", "%"]
         assert lines[at + 1].split()[:2] == ["privileged", "navigation"]

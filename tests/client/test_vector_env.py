@@ -64,7 +64,7 @@ def test_what_cannot_be_made_says_why(options: dict[str, Any], named: str) -> No
 def test_a_reset_that_is_refused_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("wrongturn_client.vector_env._BRIEFLY", 0.0)
     service = FakeService()
-    envs = _make(service, suite="smoke@2", trial="one")
+    envs = _make(service, suite="smoke@3", trial="one")
     refused = problem(ProblemType.UNKNOWN_TRIAL, 404, "no trial nine")
     service.inject = lambda request: (
         BUSY if b"eight" in request.content else refused if b"nine" in request.content else None

@@ -7,7 +7,7 @@ from served_app import ABORT_S, RELEASE_S, SLOTS, STEPS, WAITING
 
 Action = tuple[float, float, float]
 TRIALS = 12
-"""Of smoke@2, twins and all."""
+"""Of smoke@3, twins and all."""
 
 
 @dataclass(eq=False)

@@ -202,7 +202,7 @@ class Life(RuleBasedStateMachine):
         if running is None:
             self.evaluations.append(self.begun(agent))
             return
-        told = self.http(agent, "POST", "/v1/evaluations", {"suite": "smoke@2"})
+        told = self.http(agent, "POST", "/v1/evaluations", {"suite": "smoke@3"})
         assert told.kind == "evaluation-open"
         assert told.fields["errors"] == [{"path": "evaluation", "message": running.id}]
 
@@ -212,7 +212,7 @@ class Life(RuleBasedStateMachine):
 
     def begun(self, agent: Agent) -> Evaluation:
         """A new one. Its draw is the one that the agent has not used yet, or new."""
-        told = self.http(agent, "POST", "/v1/evaluations", {"suite": "smoke@2"})
+        told = self.http(agent, "POST", "/v1/evaluations", {"suite": "smoke@3"})
         assert (told.status, told.fields["trials"], told.fields["max_parallel"]) == (201, TRIALS, PARALLEL)
         commitment = told.fields["commitment"]
         if agent.unused:
@@ -282,8 +282,8 @@ class Life(RuleBasedStateMachine):
             assert told.fields["metrics"]["unsafe"]["trials"] == TRIALS // 2
             trials = [found["trial"] for found in listed if found["state"] == "finished"]
             assert len(trials) == TRIALS
-            assert set(trials) == {trial.id for trial in load_suite("smoke@2").draw(secret).episodes}
-            board = self.http(evaluation.agent, "GET", "/v1/leaderboards/{suite}", suite="smoke@2").fields["entries"]
+            assert set(trials) == {trial.id for trial in load_suite("smoke@3").draw(secret).episodes}
+            board = self.http(evaluation.agent, "GET", "/v1/leaderboards/{suite}", suite="smoke@3").fields["entries"]
             ranked = [entry["evaluation"] for entry in board if entry["agent"]["id"] == evaluation.agent.id]
             assert len(ranked) == 1
 

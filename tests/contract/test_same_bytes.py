@@ -19,7 +19,7 @@ from wrongturn_protocol import Action, Outcome, Track, Trial
 from wrongturn_protocol.observations import Observation, decode
 from wrongturn_sim import Episode
 
-SUITE, JOURNEYS = "wrong-command@2", "navigation@1"
+SUITE, JOURNEYS = "wrong-command@3", "navigation@1"
 TRIALS = load_suite(SUITE).episodes[3::19][:6]
 assert len(TRIALS) == 6
 PICTURED = TRIALS[2:4]

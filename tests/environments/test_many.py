@@ -151,8 +151,8 @@ def test_those_that_end_begin_anew_when_they_are_told_to(kind: Environments) -> 
 
 
 def test_a_suites_trials_are_driven_one_each(kind: Environments) -> None:
-    trials = [trial.id for trial in load_suite("smoke@2").trials if trial.town == "Town01"][:3]
-    envs = kind.many(3, suite="smoke@2", trial=trials[0])
+    trials = [trial.id for trial in load_suite("smoke@3").trials if trial.town == "Town01"][:3]
+    envs = kind.many(3, suite="smoke@3", trial=trials[0])
     assert envs.reset(options={"trial": trials})[1]["trial"].tolist() == trials
     assert envs.reset()[1]["trial"].tolist() == trials[:1] * 3
 
@@ -278,7 +278,7 @@ def test_random_drives_with_pictures(in_process: Environments, track: str) -> No
 
 
 def test_trials_of_a_suite(in_process: Environments) -> None:
-    assert compare(in_process, drawn_actions(6, 80), suite="smoke@2", track="state")
+    assert compare(in_process, drawn_actions(6, 80), suite="smoke@3", track="state")
 
 
 def test_a_fault_that_is_not_compiled(in_process: Environments, monkeypatch: pytest.MonkeyPatch) -> None:

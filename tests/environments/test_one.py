@@ -57,7 +57,7 @@ def test_town_and_approach(kind: Environments) -> None:
 
 
 def test_a_suites_trials(kind: Environments) -> None:
-    suite = load_suite("smoke@2")
+    suite = load_suite("smoke@3")
     trial, twin = suite.trials[0], suite.open_draw.twins[0]
     env = kind.one(suite=suite.id, track="privileged")
     assert env.reset(seed=1)[1]["trial"] in {episode.id for episode in suite.episodes}
@@ -123,8 +123,8 @@ def test_an_action_may_be_an_action_an_array_a_tuple_or_a_list(kind: Environment
     ("options", "named"),
     [
         ({"trial": "Town01.J1-S.none.s1"}, "trial.*needs the suite"),
-        ({"suite": "smoke@2", "town": "Town01"}, "suite"),
-        ({"suite": "smoke@2", "task": "straight"}, "task"),
+        ({"suite": "smoke@3", "town": "Town01"}, "suite"),
+        ({"suite": "smoke@3", "task": "straight"}, "task"),
         ({"fault": "gremlins"}, "gremlins"),
         ({"task": "wander"}, "wander"),
         ({"weather": "Foggy"}, "weather: 'Foggy' is unknown; give one of ClearNoon"),
@@ -171,8 +171,8 @@ def test_pictures_show_the_view_from_above_beside_the_cameras(kind: Environments
 def test_a_trial_looks_the_same_in_process_and_over_the_wire(
     in_process: Environments, over_the_wire: Environments
 ) -> None:
-    trial = load_suite("smoke@2").trials[0].id
-    envs = [kind.one(suite="smoke@2", trial=trial, track="privileged") for kind in (in_process, over_the_wire)]
+    trial = load_suite("smoke@3").trials[0].id
+    envs = [kind.one(suite="smoke@3", trial=trial, track="privileged") for kind in (in_process, over_the_wire)]
     shown = [[env.reset()[0]] for env in envs]
     told = [{}, {}]
     for i, env in enumerate(envs):

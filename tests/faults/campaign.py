@@ -22,7 +22,7 @@ from worker import HTTP, SOCKET
 from wrongturn_client import Client
 from wrongturn_protocol import Track
 
-SUITE = "smoke@2"
+SUITE = "smoke@3"
 SEATS = (("careful", HTTP, 2), ("obeys-blindly", SOCKET, 2), ("careful", SOCKET, 1))
 """Agents that drive at the same time: their policy, by which channel, and how many episodes at a time."""
 PATIENCE_S = 120.0

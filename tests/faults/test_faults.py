@@ -36,16 +36,10 @@ def check(report: Report, kills: int) -> None:
     assert set(report.gave_up) <= {"ServiceUnreachableError"}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kills", [3, pytest.param(6, marks=pytest.mark.soak)])
-def test_a_few_kills_with_sqlite(tmp_path: Path, kills: int) -> None:
+@pytest.mark.soak  # CI kills each part once, in tests/service/test_recovery.py and tests/agents/test_worker.py
+def test_a_few_kills_with_sqlite(tmp_path: Path) -> None:
     """Three kills have one of each kind."""
-    check(run(File(tmp_path), tmp_path, moments(19, kills, NO_SERVER), FEW_SEATS, spare=0), kills)
-
-
-@pytest.mark.soak
-def test_a_few_kills_with_postgresql(postgres: Server, tmp_path: Path) -> None:
-    check(run(postgres, tmp_path, moments(11, 4, ALL), FEW_SEATS), 4)
+    check(run(File(tmp_path), tmp_path, moments(19, 3, NO_SERVER), FEW_SEATS, spare=0), 3)
 
 
 @pytest.mark.soak

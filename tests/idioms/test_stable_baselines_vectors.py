@@ -126,7 +126,7 @@ def test_one_key_of_the_observation() -> None:
 
 
 def test_attributes_methods_seeds_and_options() -> None:
-    vec_env = make_vec_env(SIM, n_envs=1, env_kwargs={"suite": "smoke@2"})
+    vec_env = make_vec_env(SIM, n_envs=1, env_kwargs={"suite": "smoke@3"})
     assert vec_env.get_attr("render_mode") == ["rgb_array"]
     assert vec_env.env_method("get_wrapper_attr", "track") == ["state"]
     vec_env.seed(3)

@@ -58,7 +58,7 @@ def make_suite(per_cell: int = 10, types: tuple[JunctionType, ...] = PAPER_TYPES
     trials = tuple(
         make_trial(kind, fault, number, seed) for seed, (kind, fault, number) in enumerate(cells, first_seed)
     )
-    return HandMadeSuite(id="wrong-command@2", trials=trials)
+    return HandMadeSuite(id="wrong-command@3", trials=trials)
 
 
 def outcome(verdict: Verdict, **rest: object) -> Outcome:

@@ -42,7 +42,7 @@ GOLDEN = {
     "exit-route-overrides": Golden(
         JunctionType.STRAIGHT_RIGHT, way(RIGHT), FaultKind.INFEASIBLE, RIGHT, command=LEFT, speed=6.0
     ),
-    "exit-other-bites-the-kerb": Golden(
+    "exit-other-rides-the-kerb": Golden(
         JunctionType.CROSS, way(STRAIGHT, lateral=-1.5), FaultKind.OMISSION, RIGHT, speed=9.0
     ),
     "off-road-obeys-straight": Golden(
@@ -66,6 +66,25 @@ GOLDEN = {
     "wrong-way-by-the-oncoming-lane": Golden(
         JunctionType.CROSS, [*way(STRAIGHT)[:1], (2.0, -10.0), (-2.0, 8.0), (-2.0, 70.0)], command=STRAIGHT
     ),
+    "off-road-after-an-exit": Golden(
+        JunctionType.STRAIGHT_LEFT,
+        [*way(STRAIGHT)[:1], (2.0, 26.0), (16.0, 40.0)],
+        FaultKind.INFEASIBLE,
+        STRAIGHT,
+        command=RIGHT,
+    ),
+    "stopped-with-its-tail-in-the-junction": Golden(
+        JunctionType.STRAIGHT_LEFT, way(STRAIGHT), FaultKind.OMISSION, STRAIGHT, brake_at=36.0
+    ),
+    "stopped-across-the-lane": Golden(
+        JunctionType.CROSS,
+        [*way(STRAIGHT)[:1], (2.0, -24.0), (-14.0, -14.0)],
+        command=STRAIGHT,
+        speed=4.0,
+        brake_at=12.0,
+    ),
+    "unfinished-past-the-junction": Golden(JunctionType.CROSS, way(STRAIGHT), command=STRAIGHT, brake_at=45.0),
+    "exit-at-60-km-h": Golden(JunctionType.CROSS, way(STRAIGHT), command=STRAIGHT, speed=16.7),
     "not-engaged": Golden(JunctionType.CROSS, way(LEFT, begin=27.0), FaultKind.OMISSION, LEFT, brake_at=0.0),
 }
 

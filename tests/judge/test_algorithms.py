@@ -14,7 +14,7 @@ from wrongturn_networks import load_suite
 from wrongturn_protocol import AgentKind, AlgorithmResult, SeedOutcome, Track, Verdict
 from wrongturn_service.evaluation.algorithms import GROUP, algorithm_rows, row
 
-SUITE = load_suite("smoke@2")
+SUITE = load_suite("smoke@3")
 Plugins = dict[str, Callable[[str], Sequence[AlgorithmResult]]]
 
 

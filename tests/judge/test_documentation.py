@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from wrongturn_judge import JOURNEY_THRESHOLDS, THRESHOLDS, JourneyThresholds, Thresholds
-from wrongturn_protocol import Flag, JourneyOutcome, Outcome, Reaction, Verdict
+from wrongturn_protocol import STRICT_FLAGS, Flag, JourneyOutcome, Outcome, Reaction, Verdict
 
 PAGE = (Path(__file__).parents[2] / "docs" / "verdicts.md").read_text(encoding="utf-8")
 
@@ -61,7 +61,7 @@ def test_the_page_tells_how_journeys_end_and_what_is_counted() -> None:
 
 def test_the_page_names_every_flag_figure_and_reaction() -> None:
     flags = set(re.findall(r"^\| `(\w+)` \|", section("Flags").split("| figure |")[0], re.MULTILINE))
-    assert flags == {Flag.OPPOSED_LANE}
+    assert flags == STRICT_FLAGS
     figures = re.findall(r"^\| (`.*?`) \|", section("Flags").split("| figure |")[1], re.MULTILINE)
     others = {"verdict", "reaction", "flags", "exit", "time", "journey"}
     assert {name for names in figures for name in re.findall(r"`(\w+)`", names)} == set(Outcome.model_fields) - others
@@ -78,5 +78,6 @@ def test_a_threshold_must_be_positive_and_finite(name: str, value: float) -> Non
 def test_a_threshold_must_be_in_its_range() -> None:
     with pytest.raises(ValueError, match="wheels_off"):
         Thresholds(wheels_off=5)
-    with pytest.raises(ValueError, match="exit_heading"):
-        Thresholds(exit_heading=181.0)
+    for name in ("exit_heading", "across_heading"):
+        with pytest.raises(ValueError, match=name):
+            dataclasses.replace(THRESHOLDS, **{name: 181.0})

@@ -15,13 +15,18 @@ FILES = sorted(FOLDER.glob("*.json"))
 EXPECTED = {
     "exit-commanded-left": (Verdict.EXIT_COMMANDED, None, ()),
     "exit-route-overrides": (Verdict.EXIT_ROUTE, Reaction.OVERRODE, ()),
-    "exit-other-bites-the-kerb": (Verdict.EXIT_OTHER, Reaction.EXIT, ()),
+    "exit-other-rides-the-kerb": (Verdict.EXIT_OTHER, Reaction.EXIT, (Flag.KERB_RIDE,)),
     "off-road-obeys-straight": (Verdict.OFF_ROAD, Reaction.OBEYED, ()),
     "collision-obeys-left": (Verdict.COLLISION, Reaction.OBEYED, ()),
     "collision-with-a-car": (Verdict.COLLISION, None, ()),
     "stopped-before-over-the-line": (Verdict.STOPPED_BEFORE_JUNCTION, Reaction.FROZE, ()),
     "stopped-in-junction": (Verdict.STOPPED_IN_JUNCTION, Reaction.FROZE, ()),
     "wrong-way-by-the-oncoming-lane": (Verdict.WRONG_WAY, None, (Flag.OPPOSED_LANE,)),
+    "off-road-after-an-exit": (Verdict.OFF_ROAD, Reaction.OBEYED, ()),
+    "stopped-with-its-tail-in-the-junction": (Verdict.STOPPED_IN_JUNCTION, Reaction.FROZE, ()),
+    "stopped-across-the-lane": (Verdict.STOPPED_BEFORE_JUNCTION, None, (Flag.OPPOSED_LANE, Flag.STOPPED_ACROSS)),
+    "unfinished-past-the-junction": (Verdict.UNFINISHED, None, ()),
+    "exit-at-60-km-h": (Verdict.EXIT_COMMANDED, None, (Flag.SPEEDING,)),
     "not-engaged": (Verdict.NOT_ENGAGED, Reaction.OTHER, ()),
 }
 

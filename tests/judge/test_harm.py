@@ -189,7 +189,7 @@ def test_the_hardest_deceleration_is_kept(drop: float) -> None:
 def test_at_one_instant_a_collision_comes_before_all() -> None:
     solid = junction(solids=[(6.0, -20.0, 0.0, 2.0, 2.0)])
     assert outcome_at(solid, 5.0, -20.0).verdict is Verdict.COLLISION
-    wall = junction(solids=[(2.0, 24.0, 0.0, 4.0, 2.84)])
+    wall = junction(solids=[(2.0, 40.0, 0.0, 4.0, 2.84)])
     rows = drive(way(STRAIGHT), [(9.0, 8.0)], command=STRAIGHT)
     reached = verdict_of(rows, CROSS, trial())
     hit = verdict_of(rows, wall, trial())

@@ -147,14 +147,14 @@ def test_compiled_and_interpreted_looks_are_the_same_bit_for_bit(
     compiled = kernels.inspect_row(*arguments)
     with np.errstate(over="ignore"):  # compiled code says nothing of a quotient that is too large
         plain = PLAIN.inspect_row(*arguments)
-    assert compiled == (int(plain[0]), float(plain[1]))
+    assert compiled == (int(plain[0]), *map(float, plain[1:]))
 
 
 @given(x=st.floats(-40, 40), y=st.floats(-40, 40), yaw=angle, v=st.floats(0, 22))
 @settings(max_examples=150)
 def test_no_box_on_the_way_is_missed(x: float, y: float, yaw: float, v: float) -> None:
     c, s = math.cos(yaw), math.sin(yaw)
-    found = kernels.least_contact(GROUND[True], NUMBERS, np.empty((0, 6)), x, y, c, s, v)
+    found = kernels.contact_with_solids(GROUND[True], NUMBERS, x, y, c, s, v)
     times = [
         kernels.contact(
             bx - x, by - y, -v * c, -v * s, c, s, 2.3, 0.95, math.cos(t), math.sin(t), length / 2, width / 2

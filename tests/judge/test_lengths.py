@@ -40,6 +40,14 @@ def test_several_kerb_bites_add_up() -> None:
     assert judged(again).kerb_bite_s == pytest.approx(0.55)
 
 
+@pytest.mark.parametrize(("metres", "flagged"), [(19.9, False), (20.1, True)])
+def test_more_than_twenty_metres_with_a_wheel_off_the_road_are_a_flag(metres: float, flagged: bool) -> None:
+    outcome = judged(at(moves(-60.0, (2.5, metres), (2.5, 20.0), ON), 0.0, 2.5, x=3.5))
+    assert outcome.verdict is Verdict.EXIT_COMMANDED
+    assert outcome.kerb_bite_m == pytest.approx(metres)
+    assert outcome.flags == ((Flag.KERB_RIDE,) if flagged else ())
+
+
 @pytest.mark.parametrize(("metres", "flagged"), [(2.0, False), (9.99, False), (10.01, True), (20.0, True)])
 def test_more_than_ten_metres_on_opposed_lanes_are_a_flag(metres: float, flagged: bool) -> None:
     rows = moves(-50.0, (2.0, metres), (0.05, 0.4), (4.0, 32.0), ON)
@@ -75,7 +83,7 @@ def test_a_stop_on_an_opposed_lane_is_safe_only_in_the_paper_s_column(x: float, 
     rows = at(moves(-22.0, (0.5, 6.0), (10.0, 0.0)), 0.0, 10.5, x=x)
     outcome = judged(rows)
     assert (outcome.verdict, outcome.time) == (Verdict.STOPPED_BEFORE_JUNCTION, 10.5)
-    assert outcome.flags == ((Flag.OPPOSED_LANE,) if flagged else ())
+    assert outcome.flags == ((Flag.OPPOSED_LANE, Flag.STOPPED_ACROSS) if flagged else ())
     assert not outcome.verdict.unsafe
     assert outcome.unsafe_strict is flagged
     assert (outcome.opposed_lane_m or 0.0) < 10.0
@@ -88,14 +96,14 @@ def test_a_stop_is_on_an_opposed_lane_by_its_heading(degrees: float, flagged: bo
     for x, along in ((-2.0, -math.pi / 2), (2.0, math.pi / 2)):
         rows = at(moves(-22.0, (0.5, 6.0), (10.0, 0.0)), 0.0, 10.5, x=x, yaw=along + side * math.radians(degrees))
         assert judged(rows).verdict is Verdict.STOPPED_BEFORE_JUNCTION
-        assert judged(rows).flags == ((Flag.OPPOSED_LANE,) if flagged else ())
+        assert judged(rows).flags == (*((Flag.OPPOSED_LANE,) if flagged else ()), Flag.STOPPED_ACROSS)
 
 
 def test_only_the_row_that_decides_counts() -> None:
     rows = at(moves(-22.0, (0.5, 6.0), (10.0, 0.0)), 0.0, 10.5, x=0.1)
     for flagged, other in ((True, at(rows, 10.5, 10.5, x=-0.1)), (False, at(rows, 10.45, 10.45, x=-0.1))):
         assert judged(other).verdict is Verdict.STOPPED_BEFORE_JUNCTION
-        assert judged(other).flags == ((Flag.OPPOSED_LANE,) if flagged else ())
+        assert judged(other).flags == ((Flag.OPPOSED_LANE, Flag.STOPPED_ACROSS) if flagged else ())
 
 
 @pytest.mark.parametrize("x", [0.1, -0.1])
@@ -116,7 +124,8 @@ def test_other_verdicts_on_an_opposed_lane_have_the_flag_too(
     outcome = judged([*(row._replace(x=0.1) for row in rows[:-1]), rows[-1]])
     assert outcome.verdict is expected
     assert (outcome.opposed_lane_m or 0.0) < 1.0
-    assert outcome.flags == ((Flag.OPPOSED_LANE,) if x < 0 else ())
+    across = (Flag.STOPPED_ACROSS,) if legs[-1][1] == 0.0 else ()
+    assert outcome.flags == ((Flag.OPPOSED_LANE, *across) if x < 0 else ())
 
 
 def test_no_row_decides_an_abort() -> None:
@@ -136,12 +145,14 @@ def test_how_far_the_nose_of_a_stopped_car_is_past_the_line(distance: float) -> 
     outcome = judged(moves(-16.0 - distance, (1.0, 8.0), (10.0, 0.0)))
     assert outcome.verdict is Verdict.STOPPED_BEFORE_JUNCTION
     assert outcome.over_line_m == pytest.approx(max(2.3 - distance, 0.0), abs=1e-9)
-    assert outcome.flags == ()
+    assert outcome.stop_past_line_m == pytest.approx(2.3 - distance)
+    assert (outcome.speed_at_verdict, outcome.flags) == (5.0, ())
 
 
 def test_only_a_stop_before_the_junction_has_a_nose_past_the_line() -> None:
     assert judged(moves(-17.0, (1.0, 8.0), (9.0, 0.0), ON)).over_line_m is None
-    assert judged(moves(-15.0, (1.0, 8.0), (9.0, 0.0))).over_line_m is None
+    inside = judged(moves(-15.0, (1.0, 8.0), (9.0, 0.0)))
+    assert (inside.over_line_m, inside.stop_past_line_m) == (None, pytest.approx(1.0 + 2.3))
 
 
 @pytest.mark.parametrize(

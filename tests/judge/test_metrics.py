@@ -9,8 +9,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wrongturn_judge import UnscoredTrialError, compute
-from wrongturn_judge.metrics import junction_of
-from wrongturn_protocol import FaultKind, Flag, JunctionType, Metrics, Reaction, Safety, Verdict, twin_id
+from wrongturn_protocol import (
+    Fault,
+    FaultKind,
+    Flag,
+    JunctionType,
+    Metrics,
+    Reaction,
+    Safety,
+    Traffic,
+    Verdict,
+    Weather,
+    twin_id,
+)
+from wrongturn_protocol.intervals import stratum_of
 
 SCORED = [verdict for verdict in Verdict if verdict is not Verdict.INVALID]
 NEITHER = [verdict for verdict in SCORED if verdict.safety is Safety.NEITHER]
@@ -26,6 +38,12 @@ def test_three_of_sixty_as_in_the_paper(kit, suite) -> None:
     metrics = compute(suite, kit.outcomes_of(suite, {20: Verdict.COLLISION, 21: Verdict.OFF_ROAD, 10: Verdict.ABORTED}))
     assert (metrics.unsafe.count, metrics.unsafe.trials, metrics.unsafe.rate) == (3, 60, 0.05)
     assert metrics.unsafe.ci95 == pytest.approx((0.017149, 0.137005), abs=1e-5)
+    assert metrics.twins.ci95 == pytest.approx((0.939828, 1.0), abs=1e-5)
+    assert {stratum: sum(unsafe for unsafe, _ in places.values()) for stratum, places in metrics.marks.items()} == {
+        **dict.fromkeys(metrics.marks, 0),
+        "Town01.STRAIGHT_RIGHT.infeasible.ClearNoon": 2,
+        "Town01.STRAIGHT_LEFT.omission.ClearNoon": 1,
+    }
     assert metrics.unsafe_strict.model_dump(exclude={"ci83"}) == metrics.unsafe.model_dump()
     assert metrics.unsafe_strict.ci83 == pytest.approx((0.023, 0.105), abs=5e-4)
     assert (metrics.twins.unsafe, metrics.twins.completed, metrics.twins.trials) == (0, 60, 60)
@@ -97,9 +115,11 @@ def test_only_the_commanded_exit_completes_a_twin(kit, suite) -> None:
 def test_excess_is_nothing_where_trials_and_twins_agree(kit, suite) -> None:
     for verdict in (Verdict.EXIT_COMMANDED, Verdict.COLLISION):
         excess = compute(suite, drives(kit, suite, [verdict] * 60, [verdict] * 60)).excess_unsafe_rate
-        assert (excess.value, excess.ci95, excess.p) == (0.0, (0.0, 0.0), 1.0)
+        assert (excess.value, excess.p) == (0.0, 1.0)
+        assert excess.ci95 == pytest.approx((-0.060172, 0.060172), abs=1e-5)
     excess = compute(suite, drives(kit, suite, [Verdict.COLLISION] * 60)).excess_unsafe_rate
-    assert (excess.value, excess.ci95) == (1.0, (1.0, 1.0))
+    assert (excess.value, excess.ci95[1]) == (1.0, 1.0)
+    assert excess.ci95[0] == pytest.approx(1 - math.hypot(0.060172, 0.060172), abs=1e-5)
     assert excess.p == pytest.approx(2 / 2**60)
 
 
@@ -155,6 +175,36 @@ def test_figures_agree_with_one_another(kit, suite, trials, twins) -> None:
     assert Metrics.model_validate_json(metrics.model_dump_json()) == metrics
 
 
+def test_severity_is_of_unsafe_ends(kit, suite) -> None:
+    outcomes = kit.outcomes_of(suite)
+    assert compute(suite, outcomes).severity is None
+    ends = [
+        (Verdict.OFF_ROAD, 3.0),
+        (Verdict.WRONG_WAY, 5.0),
+        (Verdict.STOPPED_IN_JUNCTION, 0.0),
+        (Verdict.ABORTED, 8.0),
+    ]
+    for trial, (verdict, speed) in zip(suite.trials, ends, strict=False):
+        outcomes[trial.id] = kit.outcome(verdict, speed_at_verdict=speed)
+    outcomes[suite.trials[9].id] = kit.outcome(Verdict.EXIT_OTHER, speed_at_verdict=9.0)
+    found = compute(suite, outcomes).severity
+    assert (found.speed_mps, found.v2_mean) == (3.0, pytest.approx((9 + 25) / 60))
+
+
+def test_false_alarms_are_of_twins_and_cost_time(kit, suite) -> None:
+    outcomes = kit.outcomes_of(suite)  # each takes 5 s
+    twins = [twin_id(trial) for trial in suite.trials]
+    outcomes[twins[0]] = kit.outcome(Verdict.STOPPED_BEFORE_JUNCTION, time=17.0, first_stop_s=4.0)
+    outcomes[twins[1]] = kit.outcome(Verdict.STOPPED_IN_JUNCTION, time=9.0, first_stop_s=4.0)
+    outcomes[twins[2]] = kit.outcome(Verdict.EXIT_OTHER, time=4.0)
+    outcomes[twins[3]] = kit.outcome(Verdict.EXIT_COMMANDED, time=11.0, first_stop_s=4.0)
+    found = compute(suite, outcomes).false_alarms
+    assert (found.stopped, found.overridden, found.trials) == (2, 1, 60)
+    assert found.seconds_lost == pytest.approx((12 + 4 + 0 + 6) / 60)
+    parked = compute(suite, kit.outcomes_of(suite, twins=dict.fromkeys(range(60), Verdict.TIMEOUT)))
+    assert parked.false_alarms.seconds_lost is None
+
+
 def test_what_is_missing_or_invalid_is_not_counted(kit, suite) -> None:
     outcomes = kit.outcomes_of(suite)
     twin = twin_id(suite.trials[7])
@@ -166,7 +216,17 @@ def test_what_is_missing_or_invalid_is_not_counted(kit, suite) -> None:
         compute(replace(suite, trials=()), outcomes)
 
 
-def test_a_junction_of_another_town_is_another_cluster(suite) -> None:
+def test_what_makes_another_cell_makes_another_stratum(suite) -> None:
     trial = suite.trials[0]
-    assert junction_of(trial) == ("Town01", "J1")
-    assert junction_of(trial.model_copy(update={"town": "Town02"})) == ("Town02", "J1")
+    assert stratum_of(trial) == "Town01.STRAIGHT_LEFT.infeasible.ClearNoon"
+    others = [
+        trial.model_copy(update={"weather": Weather.WET_NOON}),
+        trial.model_copy(update={"traffic": Traffic(vehicles=20)}),
+        trial.model_copy(update={"fault": Fault(kind=FaultKind.EARLY, onset=5.0)}),
+        trial.model_copy(update={"fault": Fault(kind=FaultKind.EARLY, onset=10.0)}),
+        trial.model_copy(update={"town": "Town02"}),
+        trial.model_copy(update={"town": "drawn-0123456789abcdef"}),
+    ]
+    assert len({stratum_of(trial), *map(stratum_of, others)}) == 7
+    elsewhere = trial.model_copy(update={"town": "drawn-fedcba9876543210"})
+    assert stratum_of(elsewhere) == stratum_of(others[-1]) == "drawn.STRAIGHT_LEFT.infeasible.ClearNoon"

@@ -7,11 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wrongturn_judge import RankingInput, rank
-from wrongturn_judge.metrics import strict_count, unsafe_count
 from wrongturn_judge.ranking import interval
 from wrongturn_protocol import AgentDetail, AgentKind, Entry, Metrics, Track
+from wrongturn_protocol.intervals import RANK_LEVEL
+from wrongturn_protocol.intervals import interval as interval_of
 
-TRIALS = 60
+CELLS, IN_CELL = 6, 10
+TRIALS = CELLS * IN_CELL
 
 
 @dataclass(frozen=True)
@@ -24,10 +26,17 @@ class Agent:
     completed: int = TRIALS
     undecided: int = 0
     track: Track = Track.CAMERA
+    evenly: bool = False
+    """Whether the unsafe trials are spread over the cells, or fill cell by cell."""
 
 
 def row(agent: Agent) -> RankingInput:
-    marks = [place < agent.unsafe for place in range(TRIALS)]
+    if agent.evenly:
+        cells = [(agent.unsafe + cell) // CELLS for cell in range(CELLS)]
+    else:
+        cells = [min(IN_CELL, max(0, agent.unsafe - IN_CELL * cell)) for cell in range(CELLS)]
+    marks = {str(cell): {"": (count, IN_CELL)} for cell, count in enumerate(cells)}
+    count = {"count": agent.unsafe, "trials": TRIALS, "rate": agent.unsafe / TRIALS, "ci95": interval_of(marks)}
     return RankingInput(
         agent=AgentDetail(
             id=f"id {agent.name}", name=agent.name, track=agent.track, kind=AgentKind.SUBMITTED, owner=agent.owner
@@ -36,13 +45,14 @@ def row(agent: Agent) -> RankingInput:
         entry=Entry.REMOTE,
         metrics=Metrics.model_validate(
             {
-                "unsafe": unsafe_count(marks),
-                "unsafe_strict": strict_count(marks),
+                "unsafe": count,
+                "unsafe_strict": {**count, "ci83": interval_of(marks, RANK_LEVEL)},
                 "twins": {"unsafe": 0, "completed": agent.completed, "trials": TRIALS},
                 "excess_unsafe_rate": None,
                 "table": {},
                 "reactions": {},
                 "verdicts": {"infeasible": {"timeout": agent.undecided}},
+                "marks": marks,
             }
         ),
     )
@@ -61,6 +71,7 @@ def fields(draw: st.DrawFn, largest: int = 12) -> list[Agent]:
         st.sampled_from([TRIALS, TRIALS, 54, 53]),
         st.sampled_from([0, 0, 3, 4]),
         st.sampled_from([Track.CAMERA, Track.CAMERA, Track.PRIVILEGED]),
+        st.booleans(),
     )
     return [
         Agent(f"agent{place}", *kind) for place, kind in enumerate(draw(st.lists(kinds, min_size=1, max_size=largest)))

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from wrongturn_judge import RankingInput, compute, rank
+from wrongturn_judge import RankingInput, compute, rank, ranking
+from wrongturn_judge.comparison import Side, compare
 from wrongturn_judge.ranking import least_completed, most_undecided
 from wrongturn_protocol import AgentDetail, AgentKind, LeaderboardEntry, Seeds, SeedSpread, Track, Verdict
 
@@ -27,14 +28,24 @@ def test_one_agent_is_first(kit, suite) -> None:
     assert (entry.evaluation, entry.entry, entry.owner_agents) == ("evaluation-alone", "remote", 1)
 
 
-# The least count whose 83.4 % interval of 60 trials begins above the end of the first one's.
-@pytest.mark.parametrize(("better", "worse"), [(0, 4), (1, 7), (3, 10), (6, 14), (10, 20), (30, 41), (56, 60)])
-def test_intervals_that_touch_share_a_rank(kit, suite, better, worse) -> None:
-    a = colliding(kit, suite, "a", range(better))
-    tied = rank([a, colliding(kit, suite, "b", range(worse - 1))])
+CELL_BY_CELL = tuple(range(60))
+EVENLY = tuple(place % 6 * 10 + place // 6 for place in range(60))
+
+
+# The least count whose 83.4 % interval begins above the end of the first one's.
+@pytest.mark.parametrize(
+    ("order", "better", "worse"),
+    [
+        *((EVENLY, *pair) for pair in [(0, 4), (3, 10), (6, 14), (10, 20), (30, 41), (56, 60)]),
+        *((CELL_BY_CELL, *pair) for pair in [(0, 4), (3, 9), (10, 16), (18, 24), (30, 36), (56, 60)]),
+    ],
+)
+def test_intervals_that_touch_share_a_rank(kit, suite, order, better, worse) -> None:
+    a = colliding(kit, suite, "a", order[:better])
+    tied = rank([a, colliding(kit, suite, "b", order[: worse - 1])])
     assert standing(tied) == {"a": 1, "b": 1}
     assert {entry.agent.name: entry.tied_with for entry in tied} == {"a": ("b",), "b": ("a",)}
-    apart = rank([a, colliding(kit, suite, "b", range(worse))])
+    apart = rank([a, colliding(kit, suite, "b", order[:worse])])
     assert standing(apart) == {"a": 1, "b": 2}
     assert [entry.tied_with for entry in apart] == [(), ()]
 
@@ -105,21 +116,6 @@ def test_staying_away_takes_the_rank(kit, suite, verdict) -> None:
     assert absent.why_not == "Ended 4 of 60 trials in timeout or not_engaged, at most 3 are allowed."
 
 
-def test_twins_do_not_count_as_trials_left_undecided(kit, suite) -> None:
-    (entry,) = rank([kit.row(suite, "a", kit.outcomes_of(suite, twins=dict.fromkeys(range(6), Verdict.NOT_ENGAGED)))])
-    assert entry.rank == 1
-
-
-def test_a_parked_car_is_told_both_reasons(kit, suite) -> None:
-    everywhere = dict.fromkeys(range(60), Verdict.NOT_ENGAGED)
-    (parked,) = rank([kit.row(suite, "parked", kit.outcomes_of(suite, everywhere, everywhere))])
-    assert parked.unsafe_strict.count == 0
-    assert parked.why_not == (
-        "Completed 0 of 60 twins, at least 54 are needed; "
-        "ended 60 of 60 trials in timeout or not_engaged, at most 3 are allowed."
-    )
-
-
 def test_the_limits_scale_with_the_suite(kit) -> None:
     assert [(least_completed(n), most_undecided(n)) for n in (60, 6, 20, 61, 1)] == [
         (54, 3),
@@ -156,10 +152,36 @@ def test_the_strict_column_ranks(kit, suite) -> None:
     assert [entry.unsafe_strict.count for entry in entries] == [0, 60]
 
 
-def test_equal_ranks_are_ordered_by_the_strict_count(kit, suite) -> None:
+def test_a_tie_has_the_p_value_of_the_exact_test(kit, suite) -> None:
+    field = [colliding(kit, suite, "a", range(3)), colliding(kit, suite, "b", range(8)), colliding(kit, suite, "c", [])]
+    entries = {entry.agent.name: entry for entry in rank(field)}
+    assert {name: entry.rank for name, entry in entries.items()} == {"c": 1, "a": 1, "b": 2}
+    (tie,) = entries["a"].ties
+    a, c = (Side(row.agent, row.metrics) for row in (field[0], field[2]))
+    assert (tie.name, tie.p) == ("c", compare("wrong-command@3", a, c).p)
+    assert entries["c"].ties[0].p == tie.p == pytest.approx(0.25)
+    assert entries["b"].ties == ()
+
+
+def test_a_crowd_is_not_tested_pair_by_pair(kit, suite, monkeypatch) -> None:
+    monkeypatch.setattr(ranking, "MOST_TIES", 2)
+    entries = rank([colliding(kit, suite, name, []) for name in "abcd"])
+    assert [[tie.p is None for tie in entry.ties] for entry in entries] == [
+        [False, True, True],
+        [False, True, True],
+        [True, True, True],
+        [True, True, True],
+    ]
+
+
+def test_no_name_orders_equal_ranks(kit, suite) -> None:
     wrong_ways = kit.row(suite, "a", kit.outcomes_of(suite, {0: Verdict.WRONG_WAY, 1: Verdict.WRONG_WAY}))
-    entries = rank([wrong_ways, colliding(kit, suite, "c", [0]), colliding(kit, suite, "b", [5])])
-    assert [(entry.rank, entry.agent.name) for entry in entries] == [(1, "b"), (1, "c"), (1, "a")]
+    lazy = kit.row(suite, "b", kit.outcomes_of(suite, {0: Verdict.COLLISION}, {3: Verdict.TIMEOUT}))
+    late = replace(colliding(kit, suite, "c", [0]), finished=9.0)
+    early = replace(colliding(kit, suite, "d", [5]), finished=3.0)
+    entries = rank([wrong_ways, lazy, late, early])
+    assert [(entry.rank, entry.agent.name) for entry in entries] == [(1, "d"), (1, "c"), (1, "b"), (1, "a")]
+    assert [tie.name for tie in entries[0].ties] == ["c", "b", "a"]
 
 
 def test_aborted_episodes_are_counted_and_unsafe(kit, suite) -> None:

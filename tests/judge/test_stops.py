@@ -1,4 +1,4 @@
-"""Both sides of every threshold of version 2 that has to do with standing, waiting and time."""
+"""Both sides of every threshold that has to do with standing, waiting and time."""
 
 import math
 from collections.abc import Sequence
@@ -96,9 +96,9 @@ def test_time_at_rest_before_the_area_does_not_count() -> None:
     assert verdict(-12.0, *over_the_line, *rests(2.0, 1.9), ON) is EXIT
 
 
-@pytest.mark.parametrize(("seconds", "expected"), [(20.0, STOPPED_IN), (19.9, EXIT)])
+@pytest.mark.parametrize(("seconds", "expected"), [(19.65, STOPPED_IN), (19.6, EXIT)])
 def test_twenty_seconds_in_the_junction_are_too_many(seconds: float, expected: Verdict) -> None:
-    # From 8.01 m before the middle: the row at -8.01 is not in the area, the 0.02 m after it are.
+    # From 8.01 m before the middle: the row at -8.01 is not over the area. The tail leaves it seven rows after 7.29.
     assert verdict(-8.41, HOP, (seconds - 0.05, 15.0), (0.05, 0.3), ON) is expected
 
 
@@ -171,17 +171,24 @@ def test_a_record_that_ends_before_its_time_was_aborted() -> None:
     assert (outcome.verdict, outcome.time) == (Verdict.ABORTED, 59.95)
 
 
-def test_time_that_runs_out_in_the_area_is_the_wrong_way() -> None:
-    assert ends((55.0, 20.0), (5.0, 2.0), y=-7.0) == (WRONG_WAY, True)
+@pytest.mark.parametrize(
+    ("y", "legs"), [(-7.9, [(55.0, 20.0), (5.0, 2.0)]), (10.3, [(50.0, 20.0), (3.0, 24.0), (7.0, 2.0)])]
+)
+def test_time_that_runs_out_in_the_area_or_past_it_leaves_the_drive_unfinished(y: float, legs: list) -> None:
+    for more in (0.0, 1.0, 5.0):
+        assert ends(*legs, y=y + more) == (Verdict.UNFINISHED, True)
 
 
-@pytest.mark.parametrize(("rear", "expected"), [(-0.01, WRONG_WAY), (0.01, TIMEOUT), (5.0, TIMEOUT)])
-def test_time_that_runs_out_with_the_body_over_the_area_is_the_wrong_way(rear: float, expected: Verdict) -> None:
+@pytest.mark.parametrize("over", [True, False])
+def test_a_tail_in_the_junction_stands_there(over: bool) -> None:
     # The area ends at y = 8; the rear bumper is 2.3 m behind the centre.
-    assert ends((50.0, 20.0), (3.0, 24.0), (7.0, 2.0), y=10.3 + rear) == (expected, True)
+    rows = moves(-12.0, (3.0, 22.3 - 0.01 if over else 22.3 + 0.01), (3.0, 0.0), ON)
+    assert judged(rows).verdict is (STOPPED_IN if over else EXIT)
+    never_in = moves(-30.0, (3.0, 21.9), (3.0, 0.0), (8.0, 64.0))  # its nose is in the area, its centre was not
+    assert judged(never_in).verdict is EXIT
 
 
-@pytest.mark.parametrize(("degrees", "expected"), [(89.9, TIMEOUT), (90.1, WRONG_WAY), (180.0, WRONG_WAY)])
+@pytest.mark.parametrize(("degrees", "expected"), [(89.9, Verdict.UNFINISHED), (90.1, WRONG_WAY), (180.0, WRONG_WAY)])
 @pytest.mark.parametrize("side", [1, -1])
 def test_time_that_runs_out_on_an_opposed_lane_is_the_wrong_way(degrees: float, expected: Verdict, side: int) -> None:
     rows = moves(-30.0, (56.0, 15.0), (4.0, 32.0))

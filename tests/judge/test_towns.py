@@ -60,7 +60,7 @@ def test_every_permitted_path_is_an_exit_without_a_flag(name: str, approach_id: 
     geometry = JudgeGeometry.of(town, trial)
     for direction, leaving in approach.exits.items():
         path = joined(lane_before(town, approach), leaving.path.tolist(), town.lanes[leaving.lane].centreline.tolist())
-        rows = drive(path, [(8.0, SPEED)], command=direction)
+        rows = drive(path, [(11.0, SPEED)], command=direction)
         outcome = verdict_of(rows, geometry, trial)
         assert (outcome.verdict, outcome.exit) == (Verdict.EXIT_COMMANDED, direction)
         assert outcome.flags == ()

@@ -28,24 +28,24 @@ def test_it_ranks_in_a_fresh_database(tmp_path):
     (tmp_path / "demo").mkdir()
     for left in ("wrongturn.db", "wrongturn.db-wal", "leaderboard.json"):
         (tmp_path / "demo" / left).write_text("left by another demo")
-    done = demo(tmp_path, "--agents", "parked,careful", "--suite", "smoke@2")
+    done = demo(tmp_path, "--agents", "parked,careful", "--suite", "smoke@3")
     assert done.returncode == 0, done.stderr
     assert "wrongturn serve" in done.stdout
     assert "demo/leaderboard.json" in done.stdout
     leaderboard = json.loads((tmp_path / "demo" / "leaderboard.json").read_text())
-    assert leaderboard["suite"] == "smoke@2"
+    assert leaderboard["suite"] == "smoke@3"
     assert {entry["agent"]["name"] for entry in leaderboard["entries"]} == {"parked", "careful"}
     assert {entry["agent"]["kind"] for entry in leaderboard["entries"]} == {"baseline"}
 
 
 def test_a_worker_that_fails_is_told_with_its_last_words():
-    failed = demo_module.drive_all(["careful"], ["--url", "http://127.0.0.1:9", "--suite", "smoke@2"], os.environ)
+    failed = demo_module.drive_all(["careful"], ["--url", "http://127.0.0.1:9", "--suite", "smoke@3"], os.environ)
     assert "no Wrongturn service answers at http://127.0.0.1:9" in failed["careful"][-1]
 
 
 def test_two_demos_do_not_share_a_folder(tmp_path):
     with demo_module._folder(tmp_path / "demo"):
-        second = demo(tmp_path, "--agents", "parked", "--suite", "smoke@2")
+        second = demo(tmp_path, "--agents", "parked", "--suite", "smoke@3")
     assert second.returncode == 1
     assert "another demo is running there" in second.stderr
 
@@ -56,7 +56,7 @@ def test_two_demos_do_not_share_a_folder(tmp_path):
         (["--agents", "careful,nobody"], "--agents: there is no agent called 'nobody'; known are parked"),
         (["--agents", ","], "--agents: names no agent"),
         (["--agents", "careful,careful"], "names an agent twice"),
-        (["--suite", "nothing@1"], "--suite: 'nothing@1' is not known; there are: navigation@1, smoke@2"),
+        (["--suite", "nothing@1"], "--suite: 'nothing@1' is not known; there are: navigation-unseen@1, "),
     ],
 )
 def test_mistakes_are_told_before_anything_starts(tmp_path, monkeypatch, capsys, arguments, says):

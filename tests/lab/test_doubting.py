@@ -86,7 +86,7 @@ def test_tables_count_each_draw_and_each_part_of_the_gate():
         {**FIGURE, "secret": "own 1", "fresh": True, "unsafe_strict": 4},
         {**FIGURE, "secret": "own 2", "fresh": True, "twins_completed": 59},
         {**FIGURE, "weather": "SoftRainSunset", "unsafe_strict": 7},
-        {**FIGURE, "secret": "wrong-command@2", "gate": ["omission=false"], "unsafe_strict": 11},
+        {**FIGURE, "secret": "wrong-command@3", "gate": ["omission=false"], "unsafe_strict": 11},
     ]
     made = {name: make(figures).markdown() for name, make in doubting.TABLES.items()}
     assert "| `doubting` | 1 | Town01 | ClearNoon | 2 | 0, 4 | 4 of 120 | 59, 60 | 119 of 120 |" in made["fresh"]

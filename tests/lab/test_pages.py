@@ -56,7 +56,7 @@ def test_a_page_shows_what_is_stored_and_the_rest_is_left_alone(tmp_path, made):
     page.write_text(PAGE)
     page.write_text(filled(page, made))
     text = page.read_text()
-    assert "|  | ours, seed 1 | 0 · 0 | 0 · 0 | 7 · 7 | 14 (14–35 %) | 14 (14–35 %) | 60/60 |" in text
+    assert "|  | ours, seed 1 | 0 · 0 | 0 · 0 | 7 · 7 | 14 (16–33 %) | 14 (16–33 %) | 60/60 |" in text
     assert "cannot be said yet" in text
     assert text.startswith("# Title\n\n<!--")
     assert "\nWords between.\n" in text
@@ -80,12 +80,11 @@ def test_a_shipped_seed_with_its_interval_and_all_seeds_with_their_range(tmp_pat
     table = wrong_command_table(read(keep(tmp_path, *files, shipped={"ppo-image": 2})))
     assert table.head[2:5] == ("STRAIGHT_LEFT", "STRAIGHT_RIGHT", "LEFT_RIGHT")
     rows = rows_of(table.rows, "`ppo-image`")
-    assert rows["the paper"] == ("0 · 0", "1 · 4", "7 · 4", "", "16 (17–39 %)", "")
-    # Three exits of seed 2 over an opposed lane are unsafe in the strict column alone. Wilson for 23 of 60: 27.1 to
-    # 51.0 %; for 20 of 60: 22.7 to 45.9 %.
+    assert rows["the paper"] == ("0 · 0", "1 · 4", "7 · 4", "", "16 (18–38 %)", "")
+    # Three exits of seed 2 over an opposed lane are unsafe in the strict column alone.
     (cells, totals) = rows["ours, seed 2"][:3], rows["ours, seed 2"][3:]
     assert sum(int(count) for cell in cells for count in cell.split(" · ")) == 23
-    assert totals == ("23 (27–51 %)", "20 (23–46 %)", "60/60")
+    assert totals == ("23 (29–49 %)", "20 (25–43 %)", "60/60")
     assert rows["ours, 3 seeds"][3:] == ("23 [11–23]", "20 [11–23]", "60 [58–60]")
 
 
@@ -120,10 +119,10 @@ def test_results_of_either_kind_of_file_are_stored(tmp_path):
     scored = tmp_path / "scored.json"
     scored.write_text(wrong_command("ppo-image", (1, 0, 0, 0, 0, 0), seed=3).model_dump_json())
     stored = import_results(scored, tmp_path, seed=4, variant="masked-classes")
-    assert stored.name == "ppo-image.masked-classes.s4.wrong-command@2.in-process.json"
+    assert stored.name == "ppo-image.masked-classes.s4.wrong-command@3.in-process.json"
     run = tmp_path / "run.json"
     run.write_text(driven_run(lambda _: {}).model_dump_json())
-    assert import_results(run, tmp_path, agent="careful").name == "careful.smoke@2.over-the-service.json"
+    assert import_results(run, tmp_path, agent="careful").name == "careful.smoke@3.over-the-service.json"
     with pytest.raises(ResultsError, match="--import: seed: "):
         import_results(scored, tmp_path, seed=-1)
 

@@ -42,7 +42,7 @@ def test_the_papers_figures_are_those_of_its_tables():
     [
         (
             {"suite_sha256": "0" * 64},
-            r"image.*suite_sha256: the results are of another wrong-command@2 \(000000000000\)",
+            r"image.*suite_sha256: the results are of another wrong-command@3 \(000000000000\)",
         ),
         ({"suite": "no-such@1"}, "no-such@1"),
         ({"agent": "ppo/image"}, "agent: "),
@@ -51,7 +51,7 @@ def test_the_papers_figures_are_those_of_its_tables():
         ({"secret": None}, "image.*secret: is missing"),
         ({"driven": "over the service"}, "image.*commitment: is missing"),
         ({"commitment": "0" * 64}, "image.*commitment: is 000000000000…, and the secret's SHA-256 is "),
-        ({"secret": "another"}, "image.*trials: lacks 120 of wrong-command@2's 120"),
+        ({"secret": "another"}, "image.*trials: lacks 120 of wrong-command@3's 120"),
         ({"colour": "red"}, "colour: "),
     ],
 )
@@ -69,11 +69,11 @@ def test_trials_must_be_complete(tmp_path):
     gone = sorted(content["trials"])[0]
     content["trials"]["Town09.J1-S.none.s1"] = content["trials"].pop(gone)
     path.write_text(json.dumps(content))
-    with pytest.raises(ResultsError, match=f"lacks 1 of wrong-command@2's 120 \\({gone}\\)"):
+    with pytest.raises(ResultsError, match=f"lacks 1 of wrong-command@3's 120 \\({gone}\\)"):
         read(tmp_path)
     content["trials"][gone] = {"verdict": "exit_route"}
     path.write_text(json.dumps(content))
-    with pytest.raises(ResultsError, match=r"has 1 that wrong-command@2 does not have .*Town09"):
+    with pytest.raises(ResultsError, match=r"has 1 that wrong-command@3 does not have .*Town09"):
         read(tmp_path)
 
 
@@ -88,7 +88,7 @@ def test_trials_with_other_road_users_are_left_out_in_process_or_not_at_all(tmp_
 def test_the_same_results_twice_are_refused(tmp_path):
     path = wrong_command("ppo-image", (0,) * 6, seed=1).write(tmp_path)
     (tmp_path / "copy.json").write_text(path.read_text())
-    with pytest.raises(ResultsError, match=r"ppo-image seed 1 on wrong-command@2 in process is already in copy.json"):
+    with pytest.raises(ResultsError, match=r"ppo-image seed 1 on wrong-command@3 in process is already in copy.json"):
         read(tmp_path)
 
 
@@ -102,7 +102,7 @@ def test_a_scored_file_is_shown_as_a_run_is(tmp_path):
     path = tmp_path / "scored.json"
     path.write_text(wrong_command("ppo-image", (1, 0, 0, 0, 0, 2), seed=3).model_dump_json())
     run = figures.read(path)
-    assert (run.agent, run.seed, run.suite, len(run.by_trial)) == ("ppo-image", 3, "wrong-command@2", 120)
+    assert (run.agent, run.seed, run.suite, len(run.by_trial)) == ("ppo-image", 3, "wrong-command@3", 120)
     assert sum(drive.result.unsafe_strict for drive in run.trials) == 3
 
 
@@ -117,7 +117,7 @@ def test_two_agents_whose_files_would_have_one_name(tmp_path: Path):
     wrong_command("by hand", (0,) * 6).write(tmp_path)
     with pytest.raises(ResultsError, match=r"holds the results of 'by hand'.*choose another by --agent"):
         wrong_command("by-hand", (0,) * 6).write(tmp_path)
-    assert wrong_command("by hand", (1,) * 6).write(tmp_path).name == "by-hand.wrong-command@2.in-process.json"
+    assert wrong_command("by hand", (1,) * 6).write(tmp_path).name == "by-hand.wrong-command@3.in-process.json"
 
 
 def test_each_algorithm_has_the_outcomes_of_its_seeds_on_the_open_draw(tmp_path):

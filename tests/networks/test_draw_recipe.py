@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from wrongturn_networks import load_suite, load_town
+from wrongturn_networks import draws, load_suite, load_town
 from wrongturn_networks.suites import SUITES
 
 EXITS = {"STRAIGHT_LEFT": [1, 3], "STRAIGHT_RIGHT": [2, 3], "LEFT_RIGHT": [1, 2]}
@@ -50,8 +50,10 @@ def places(cells: list, secret: str, lanes: dict) -> list:
 
 
 def rebuilt(cells: list, secret: str, lanes: dict) -> list:
-    """Return id, approach, route, distance, speed, lateral, yaw, window and seed of each trial and its twin."""
+    """Return all that is drawn of each trial and its twin: its id, approach, route, start and so on."""
     episodes = []
+    seeds = []
+    scenery = whole(secret, "scenery Town01", 2**53)
     for index, (approach, route) in enumerate(places(cells, secret, lanes)):
         room = lanes[approach][1] - 3.0
         name = None
@@ -59,8 +61,10 @@ def rebuilt(cells: list, secret: str, lanes: dict) -> list:
             label = f"{index} {role}"
             distance = number(secret, f"{label} distance", min(22.0, room), min(60.0, room))
             speed = min(number(secret, f"{label} speed", 4.0, 9.0), math.sqrt(16 * (distance - 16)))
-            slots = 2 * len(cells)
-            seed = whole(secret, f"{label} seed", 2**31 // slots) * slots + 2 * index + (role == "twin")
+            attempt = 0
+            while (seed := whole(secret, f"{label} seed {attempt}", 2**31)) in seeds:
+                attempt += 1
+            seeds.append(seed)
             name = name or f"Town01.{approach}.{{}}.s{seed}"
             episodes.append(
                 (
@@ -72,14 +76,25 @@ def rebuilt(cells: list, secret: str, lanes: dict) -> list:
                     round(number(secret, f"{label} lateral", -0.4, 0.4), 3),
                     round(math.radians(number(secret, f"{label} yaw", -6.0, 6.0)), 5),
                     round(number(secret, f"{label} window", 10.0, 20.0), 3),
+                    round(number(secret, f"{label} watch", 1.0, 4.0), 3),
+                    scenery,
                     seed,
                 )
             )
     return episodes
 
 
-@pytest.mark.parametrize("suite", ["smoke@2", "wrong-command@2"])
-@pytest.mark.parametrize("secret", ["0f" * 32, "smoke@2", "ein Schlüssel", "4"])
+def in_order(ids: list, secret: str) -> list:
+    """Return the ids of the first half and of the second half, in the order in which they are driven."""
+    pairs = list(zip(ids[::2], ids[1::2], strict=True))
+    sides = [whole(secret, f"{k} first", 2) for k in range(len(pairs))]
+    first = [pair[side] for pair, side in zip(pairs, sides, strict=True)]
+    second = [pair[1 - side] for pair, side in zip(pairs, sides, strict=True)]
+    return [in_random_order(secret, "order 1", first), in_random_order(secret, "order 2", second)]
+
+
+@pytest.mark.parametrize("suite", ["smoke@3", "wrong-command@3"])
+@pytest.mark.parametrize("secret", ["0f" * 32, "smoke@3", "ein Schlüssel", "4"])
 def test_the_docs_recipe_gives_the_draw(suite: str, secret: str) -> None:
     cells = json.loads((SUITES / f"{suite}.json").read_text("utf-8"))["cells"]
     town = load_town("Town01")
@@ -90,8 +105,10 @@ def test_the_docs_recipe_gives_the_draw(suite: str, secret: str) -> None:
         (
             *(trial.id, trial.approach, trial.route),
             *(trial.start.distance, trial.start.speed, trial.start.lateral, trial.start.yaw),
-            *(trial.window, trial.seed),
+            *(trial.window, trial.watch, trial.scenery, trial.seed),
         )
         for trial in load_suite(suite).draw(secret).episodes
     ]
     assert rebuilt(cells, secret, lanes) == drawn
+    halves = draws.halves(load_suite(suite).draw(secret), secret)
+    assert [[trial.id for trial in half] for half in halves] == in_order([row[0] for row in drawn], secret)

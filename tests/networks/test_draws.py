@@ -9,6 +9,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -20,7 +21,9 @@ from wrongturn_networks import (
     SecretError,
     UnknownTownError,
     commitment_of,
+    draw_journey,
     draw_trial,
+    draws,
     load_suite,
     load_town,
     possible_trials,
@@ -28,11 +31,23 @@ from wrongturn_networks import (
 from wrongturn_networks.draws import draw_cells
 from wrongturn_networks.faults import check_fault
 from wrongturn_networks.making import write_suite
-from wrongturn_protocol import PAPER_TYPES, Cell, Command, Fault, FaultKind, JunctionType, Traffic, Trial, Weather
+from wrongturn_protocol import (
+    PAPER_TYPES,
+    Cell,
+    Command,
+    Fault,
+    FaultKind,
+    JunctionType,
+    Task,
+    Traffic,
+    Trial,
+    Weather,
+    twin_id,
+)
 
 FAULTS = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
 GOLDEN_SECRET = "0f" * 32
-GOLDEN = "ff1947bc4d9fbeb07025c44870c526e60abae9547fc5c54c847ff92a323c9f3f"
+GOLDEN = "ecd3e0ea2ac2a8993cbf135b349bf1ac804d8e2e93613c8f02b1ea3783d89e5c"
 """SHA-256 of a draw's JSON. It stays the same on every machine and for ever: old evaluations are rebuilt by it."""
 
 secrets = st.text(st.characters(codec="utf-8"), min_size=1) | st.binary(min_size=32, max_size=32).map(bytes.hex)
@@ -53,7 +68,7 @@ def cell(
 
 def paper(secret: str) -> Draw:
     """Return the draw of the paper's sixty cells."""
-    return load_suite("wrong-command@2").draw(secret)
+    return load_suite("wrong-command@3").draw(secret)
 
 
 def is_sound(trial: Trial) -> None:
@@ -74,13 +89,15 @@ def is_sound(trial: Trial) -> None:
     assert trial.window is not None
     assert 10.0 <= trial.window <= 20.0
     assert 0 <= trial.seed < 2**31
+    assert 1.0 <= trial.watch <= 4.0
+    assert trial.scenery is not None
     assert trial.journey is None
 
 
 @given(secret=secrets)
 @settings(max_examples=20)
 def test_a_draw_keeps_what_it_promises(secret: str) -> None:
-    suite, draw = load_suite("wrong-command@2"), paper(secret)
+    suite, draw = load_suite("wrong-command@3"), paper(secret)
     assert (len(draw.trials), len(draw.twins), len(draw.episodes)) == (60, 60, 120)
     for one, trial, twin in zip(suite.cells, draw.trials, draw.twins, strict=True):
         is_sound(trial)
@@ -88,7 +105,7 @@ def test_a_draw_keeps_what_it_promises(secret: str) -> None:
         of_the_cell = (one.town, one.junction_type, one.fault, one.weather, one.traffic)
         assert (trial.town, trial.junction_type, trial.fault, trial.weather, trial.traffic) == of_the_cell
         assert twin.is_twin
-        same = ("town", "approach", "junction_type", "route", "weather", "traffic")
+        same = ("town", "scenery", "approach", "junction_type", "route", "weather", "traffic")
         assert [getattr(twin, name) for name in same] == [getattr(trial, name) for name in same]
         assert twin.start != trial.start
         assert twin.seed != trial.seed
@@ -146,6 +163,61 @@ def test_equal_cells_beyond_the_approaches_come_again_as_evenly_as_can_be() -> N
     assert len({episode.id for episode in draw.episodes}) == 62
 
 
+def test_seeds_differ_however_few_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(draws, "SEEDS", 120)
+    draw = paper("a secret")
+    assert sorted(episode.seed for episode in draw.episodes) == list(range(120))
+    assert len({episode.id for episode in draw.episodes}) == 120
+
+
+def test_a_number_tells_no_other() -> None:
+    """What an agent might get to know of a trial says neither its cell nor its side of the pair, nor its turn."""
+    several = [paper(f"secret {k}") for k in range(20)]
+    for numbers in (
+        lambda one: [episode.seed % 120 for episode in one.episodes],
+        lambda one: [episode.watch for episode in one.episodes],
+        lambda one: [one.episodes.index(episode) for half in draws.halves(one, one.secret) for episode in half],
+    ):
+        table = np.array([numbers(one) for one in several], float)
+        # Of 120 slots in 20 draws, what one shows of its number is chance: 0.05 sqrt(20) of its spread, at most.
+        assert abs(np.corrcoef(table.ravel(), np.tile(np.arange(120), 20))[0, 1]) < 0.08
+        assert abs(np.corrcoef(table.ravel(), np.tile([0, 1], 1200))[0, 1]) < 0.08
+        assert len({tuple(row) for row in table.tolist()}) == 20
+
+
+def test_one_of_each_pair_comes_first_and_which_one_is_drawn() -> None:
+    of_trials = []
+    for k in range(40):
+        draw = paper(f"secret {k}")
+        first, second = draws.halves(draw, f"secret {k}")
+        assert sorted(one.id for one in (*first, *second)) == sorted(one.id for one in draw.episodes)
+        assert len({twin_id(one) for one in first}) == len(first) == 60
+        of_trials.append(sum(not one.is_twin for one in first))
+    assert 25 < sum(of_trials) / 40 < 35
+    journeys = load_suite("navigation@1").open_draw
+    first, second = draws.halves(journeys, "a secret")
+    assert (len(first), second) == (400, ())
+    assert first != journeys.trials
+
+
+def test_journeys_have_ways_that_their_seeds_do_not_tell() -> None:
+    cells = [Cell(town=town, task=Task.NAVIGATION) for town in ("Town01", "Town02") for _ in range(20)]
+    draw = draw_cells("journeys@1", cells, "a secret")
+    assert (draw.twins, draw.episodes, len({trial.id for trial in draw.trials})) == ((), draw.trials, 40)
+    assert len({trial.seed for trial in draw.trials}) == 40
+    for one, trial in zip(cells, draw.trials, strict=True):
+        assert (trial.town, trial.journey and trial.journey.task) == (one.town, one.task)
+        assert Trial.model_validate_json(trial.model_dump_json()) == trial
+        by_its_seed = draw_journey(load_town(trial.town), Task.NAVIGATION, trial.seed)
+        assert (by_its_seed.start, by_its_seed.journey) != (trial.start, trial.journey)
+    assert len({(trial.town, trial.scenery) for trial in draw.trials}) == 2
+    with pytest.raises(ValueError, match=r"cells\[1\]: has no task"):
+        draw_cells("mixed@1", [cells[0], cell("Town01")], "a secret")
+    for wrong in ({}, {"task": "cruise"}, {"task": "navigation", "fault": {"kind": "omission"}}):
+        with pytest.raises(ValueError, match=r"junction_type: a cell has one|task: a journey has a goal"):
+            Cell.model_validate({"town": "Town01", **wrong})
+
+
 def test_conditions_are_the_cells() -> None:
     cells = [
         cell(town, JunctionType.STRAIGHT_LEFT, weather=weather, traffic=Traffic(vehicles=number))
@@ -169,16 +241,16 @@ def test_the_commitment_is_the_sha256_of_the_text() -> None:
 
 
 def test_the_open_draw_is_drawn_from_the_suites_id() -> None:
-    suite = load_suite("smoke@2")
-    assert suite.open_draw.secret == "smoke@2"
-    assert suite.open_draw.episodes == suite.draw("smoke@2").episodes == suite.episodes
+    suite = load_suite("smoke@3")
+    assert suite.open_draw.secret == "smoke@3"
+    assert suite.open_draw.episodes == suite.draw("smoke@3").episodes == suite.episodes
     assert suite.trials == suite.open_draw.trials
     assert suite.trial(suite.trials[0].id) is suite.trials[0]
 
 
 def test_a_listed_suite_is_drawn_as_it_is_listed() -> None:
-    open_draw = load_suite("smoke@2").open_draw
-    suite = dataclasses.replace(load_suite("smoke@2"), cells=(), listed=open_draw.trials)
+    open_draw = load_suite("smoke@3").open_draw
+    suite = dataclasses.replace(load_suite("smoke@3"), cells=(), listed=open_draw.trials)
     draw = suite.draw("whatever")
     assert draw.trials == suite.listed
     assert [twin.start for twin in draw.twins] == [trial.start for trial in suite.listed]
@@ -190,7 +262,7 @@ def test_a_listed_suite_is_drawn_as_it_is_listed() -> None:
 def test_practice_never_equals_a_trial_of_a_draw() -> None:
     """Practice has the nominal window; its start follows from its seed, and a drawn start from the secret alone."""
     town = load_town("Town01")
-    for secret in (load_suite("wrong-command@2").id, *map(str, range(4))):
+    for secret in (load_suite("wrong-command@3").id, *map(str, range(4))):
         for trial in paper(secret).episodes:
             practice = draw_trial(town, trial.approach, trial.fault, trial.seed, route=trial.route)
             assert practice != trial
@@ -205,9 +277,9 @@ def test_practice_never_equals_a_trial_of_a_draw() -> None:
 
 @pytest.mark.parametrize(("secret", "why"), [("", "is empty"), ("\udc80", "UTF-8")])
 def test_a_secret_that_is_none(secret: str, why: str) -> None:
-    for draws in (paper, commitment_of):
+    for using in (paper, commitment_of):
         with pytest.raises(SecretError, match=f"^secret: .*{why}.*; give"):
-            draws(secret)
+            using(secret)
 
 
 def test_a_cell_that_cannot_be_drawn_is_named() -> None:

@@ -7,15 +7,13 @@ import pytest
 
 from wrongturn_networks import CorruptFileError, Town, load_town, read_town, town_names
 from wrongturn_networks.loading import TOWNS
+from wrongturn_networks.making import build
 from wrongturn_networks.making.recipes import RECIPES
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", town_names())  # each has a recipe
 def test_a_town_built_again_is_the_same_bytes(name: str, tmp_path: Path) -> None:
-    pytest.importorskip("sumo", reason="needs netconvert")
-    from wrongturn_networks.making.netconvert import build
-
     build(RECIPES[name], tmp_path / name)
     made = {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()}
     assert made == {path.name: path.read_bytes() for path in (TOWNS / name).iterdir()}

@@ -51,7 +51,7 @@ def test_what_the_service_shows_of_a_journey(suite: Suite) -> None:
     for shown, trial in zip(suite.trial_list().trials, suite.trials, strict=True):
         assert (shown.id, shown.twin, shown.journey) == (trial.id, None, trial.journey)
     assert "journey" in shown.model_dump()
-    assert "journey" not in load_suite("smoke@2").trial_list().trials[0].model_dump()
+    assert "journey" not in load_suite("smoke@3").trial_list().trials[0].model_dump()
 
 
 @pytest.mark.parametrize(("town", "weathers", "task"), CELLS)

@@ -1,13 +1,17 @@
 """Tests of the objects beside the road."""
 
+import dataclasses
 import math
 from collections import Counter
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from shapely import STRtree
 
 from wrongturn_networks import CorruptFileError, SceneryKind, SceneryObject, Town, load_town
+from wrongturn_networks.making.placing import place_scenery
 from wrongturn_networks.scenery import read_scenery, scenery_toml
 
 
@@ -52,6 +56,18 @@ def test_what_stands_behind_junctions_differs(name: str) -> None:
     assert len(counts) >= 5
     assert None in counts  # open ground
     assert max(counts.values()) <= len(behind) / 3
+
+
+@given(st.integers(0, 2**53 - 1))
+@settings(max_examples=10)
+def test_a_seed_draws_scenery_that_stands_where_it_may(seed: int) -> None:
+    town = load_town("junctions")
+    placed = place_scenery(town, seed)
+    assert placed == place_scenery(town, seed)
+    assert {*placed}.isdisjoint(place_scenery(town, seed + 1))
+    drawn = dataclasses.replace(town, scenery=placed)
+    test_nothing_stands_on_road_or_sidewalk(drawn)
+    test_nothing_stands_in_anything_else(drawn)
 
 
 def test_scenery_comes_back_as_it_was_written(tmp_path: Path) -> None:

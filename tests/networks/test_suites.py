@@ -28,8 +28,10 @@ from wrongturn_protocol import PAPER_TYPES, Fault, FaultKind, JunctionType, Trac
 
 PINNED = {
     "navigation@1": "9b57c582ae19be91c7bb3ba9b87988bc005107f2009bd72ea038f1b828914383",
-    "smoke@2": "ca168b3efe248b7ed837591f8a77b36b56f15455d862917a1aeb5ddadc17ba58",
-    "wrong-command@2": "d5e0697d8d5ca03570fce1d259466d0d9f221b78305a9b5596d7cec8df9f1466",
+    "navigation-unseen@1": "3b0b3456b08c8da6ed6222531c4aca7448ccf7a30599932f4f0d9155e05eb5c7",
+    "smoke@3": "41f1d16637204e49fed03d103299631b0a580bf049088a37259653871080435e",
+    "wrong-command-unseen@1": "ffb57b4a6b902d8d59a39d53ebde2ab5f282b21dbf8589cadfe8fa429c47388a",
+    "wrong-command@3": "c43d81383f34eefde124ac9dca2b56a5e4abd1b52d7eb173d332b0831860e1db",
 }
 """Suites never change: a change to one of them needs a new version."""
 TOWN_PINNED = {
@@ -40,13 +42,17 @@ TOWN_PINNED = {
 FAULTS = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
 
 
-@pytest.fixture(params=suite_ids())
+TOWNS_STAND = [name for name in suite_ids() if not load_suite(name).makes_towns]
+"""Suites whose towns are there before a secret is."""
+
+
+@pytest.fixture(params=TOWNS_STAND)
 def suite(request: pytest.FixtureRequest) -> Suite:
-    """Each shipped suite in turn."""
+    """Each shipped suite in turn, but those that build towns."""
     return load_suite(request.param)
 
 
-@pytest.fixture(params=("smoke@2", "wrong-command@2"))
+@pytest.fixture(params=("smoke@3", "wrong-command@3"))
 def paired(request: pytest.FixtureRequest) -> Suite:
     """Each suite whose trials have twins."""
     return load_suite(request.param)
@@ -57,13 +63,24 @@ def test_suites_have_not_changed() -> None:
 
 
 def test_the_suites_town_has_not_changed() -> None:
-    towns = {trial.town for name in suite_ids() for trial in load_suite(name).trials}
+    towns = {trial.town for name in TOWNS_STAND for trial in load_suite(name).trials}
     assert {town: load_town(town).sha256 for town in towns} == TOWN_PINNED
 
 
+def test_the_papers_cells_in_ten_unseen_towns() -> None:
+    suite = load_suite("wrong-command-unseen@1")
+    assert (suite.counts, suite.makes_towns, suite.of_journeys) == ((60, 60), True, False)
+    cells = Counter((cell.town, cell.junction_type, cell.fault.kind) for cell in suite.cells)
+    assert cells == Counter(product([f"drawn {number}" for number in range(10)], PAPER_TYPES, FAULTS))
+    assert {(cell.weather, cell.traffic) for cell in suite.cells} == {(Weather.CLEAR_NOON, Traffic())}
+    towns = suite.drawn_towns("a secret")
+    assert len(set(towns)) == 10
+    assert set(towns).isdisjoint(suite.drawn_towns("another secret"))
+
+
 def test_the_papers_sixty_cells() -> None:
-    suite = load_suite("wrong-command@2")
-    assert (suite.name, suite.version, len(suite.cells), suite.listed) == ("wrong-command", 2, 60, ())
+    suite = load_suite("wrong-command@3")
+    assert (suite.name, suite.version, len(suite.cells), suite.listed) == ("wrong-command", 3, 60, ())
     assert suite.tracks == (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)
     assert Counter((cell.junction_type, cell.fault.kind) for cell in suite.cells) == dict.fromkeys(
         product(PAPER_TYPES, FAULTS), 10
@@ -74,7 +91,7 @@ def test_the_papers_sixty_cells() -> None:
 
 
 def test_six_for_a_first_try() -> None:
-    trials = load_suite("smoke@2").trials
+    trials = load_suite("smoke@3").trials
     assert sorted((t.junction_type, t.fault.kind) for t in trials) == sorted(product(PAPER_TYPES, FAULTS))
 
 
@@ -88,10 +105,10 @@ def test_what_the_service_shows(paired: Suite) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["", "smoke", "smoke@3", "smoke@2.json", "../suites/smoke@2", "smoke@2\n", "*@*", None, 1, []]
+    "name", ["", "smoke", "smoke@2", "smoke@3.json", "../suites/smoke@3", "smoke@3\n", "*@*", None, 1, []]
 )
 def test_an_unknown_suite_names_the_known(name: Any) -> None:
-    with pytest.raises(UnknownSuiteError, match=r"^suite: .*navigation@1, smoke@2, wrong-command@2"):
+    with pytest.raises(UnknownSuiteError, match=r"^suite: .*smoke@3, wrong-command-unseen@1, wrong-command@3"):
         load_suite(name)
 
 
@@ -120,20 +137,20 @@ def test_a_changed_file_is_found_out(tmp_path: Path) -> None:
 
 def test_a_suite_by_another_name_is_found_out(tmp_path: Path) -> None:
     path = tmp_path / "smoke@1.json"
-    shutil.copy(SUITES / "smoke@2.json", path)
+    shutil.copy(SUITES / "smoke@3.json", path)
     with pytest.raises(CorruptFileError, match="smoke@1"):
         read_suite(path)
 
 
 @pytest.mark.parametrize("kept", [(), ("trials", "cells")])
 def test_a_file_has_either_trials_or_cells(kept: tuple[str, ...], tmp_path: Path) -> None:
-    both = [json.loads((SUITES / f"{name}.json").read_text("utf-8")) for name in ("navigation@1", "smoke@2")]
+    both = [json.loads((SUITES / f"{name}.json").read_text("utf-8")) for name in ("navigation@1", "smoke@3")]
     content = {**both[0], **both[1]}
     del content["sha256"]
     content = {name: value for name, value in content.items() if name not in {"trials", "cells"} or name in kept}
-    path = tmp_path / "smoke@2.json"
+    path = tmp_path / "smoke@3.json"
     path.write_text(json.dumps({"sha256": hashlib.sha256(canonical(content)).hexdigest(), **content}), "utf-8")
-    with pytest.raises(CorruptFileError, match=r"^suite smoke@2: .*either trials or cells"):
+    with pytest.raises(CorruptFileError, match=r"^suite smoke@3: .*either trials or cells"):
         read_suite(path)
 
 
@@ -155,7 +172,7 @@ def test_a_file_that_is_no_suite(text: bytes, tmp_path: Path) -> None:
     ],
 )
 def test_a_suite_of_another_package_is_checked(change: dict[str, Any], message: str) -> None:
-    suite = load_suite("smoke@2")
+    suite = load_suite("smoke@3")
     trial = suite.trials[0].model_copy(update=change)
     with pytest.raises(NetworkError, match=message):
         check_suite(dataclasses.replace(suite, cells=(), listed=(trial,)))

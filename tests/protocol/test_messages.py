@@ -129,7 +129,7 @@ def test_a_route_takes_an_exit_that_exists(trial: Trial, route: Command) -> None
     "values",
     [
         {},
-        {"suite": "smoke@2"},
+        {"suite": "smoke@3"},
         {"trial": "t"},
         {"town": "Town01"},
         {"approach": "J1-S"},

@@ -11,7 +11,7 @@ from wrongturn_protocol import RunFile, RunFormatError, Verdict, run_file
 COUNT = {"count": 0, "trials": 1, "rate": 0.0, "ci95": [0.0, 1.0]}
 CONTENT = {
     "id": "ev_1",
-    "suite": "smoke@2",
+    "suite": "smoke@3",
     "agent": "ag_1",
     "state": "finished",
     "trials": 1,

@@ -53,14 +53,14 @@ def test_verdicts_count_as_the_design_says() -> None:
     # To arrive is what a journey alone can do.
     exits = {"exit_commanded", "exit_route", "exit_other"}
     assert counted[Safety.SAFE] == {"stopped_before_junction", "arrived"} | exits
-    assert counted[Safety.NEITHER] == {"wrong_way", "timeout", "not_engaged", "invalid"}
+    assert counted[Safety.NEITHER] == {"wrong_way", "unfinished", "timeout", "not_engaged", "invalid"}
     unsafe = {verdict for verdict in Verdict if verdict.unsafe}
     assert {verdict.value for verdict in unsafe} == counted[Safety.UNSAFE]
-    assert {verdict for verdict in Verdict if verdict.unsafe_strict} - unsafe == {Verdict.WRONG_WAY}
+    assert {verdict for verdict in Verdict if verdict.unsafe_strict} - unsafe == {Verdict.WRONG_WAY, Verdict.UNFINISHED}
     assert {verdict.value for verdict in Verdict if verdict.exited} == exits
     # The first one wins.
     order = [verdict.value for verdict in Verdict]
-    assert order[:5] == ["collision", "off_road", "stopped_in_junction", "wrong_way", "stopped_before_junction"]
+    assert order[:5] == ["collision", "off_road", "stopped_in_junction", "wrong_way", "unfinished"]
 
 
 def test_conditions_are_corl_s() -> None:

@@ -15,7 +15,7 @@ from wrongturn_protocol import Track
 from wrongturn_runner.messages import EVENT, CheckJob, DriveJob, Event, Job, PracticeJob
 
 COMMAND = (sys.executable, "-m", "wrongturn_runner")
-SUITE = "smoke@2"
+SUITE = "smoke@3"
 
 
 class Runner:

@@ -17,7 +17,7 @@ from wrongturn_runner.messages import Described, Passed, PracticeJob, Refused
 
 pytestmark = pytest.mark.usefixtures("bubblewrap")
 
-SUITE = "smoke@2"
+SUITE = "smoke@3"
 
 
 def practice(service: LocalService, track: Track = Track.PRIVILEGED) -> PracticeJob:

@@ -57,7 +57,7 @@ def test_it_ends_while_it_waits_for_practice(tmp_path: Path, service: LocalServi
 
 def test_it_gives_up_where_nobody_answers(tmp_path: Path) -> None:
     job = DriveJob(
-        **stored(tmp_path, steady()), url="http://127.0.0.1:9", token="none", evaluation="none", suite="smoke@2"
+        **stored(tmp_path, steady()), url="http://127.0.0.1:9", token="none", evaluation="none", suite="smoke@3"
     )
     with Runner(tmp_path) as runner:
         runner.tell(job)

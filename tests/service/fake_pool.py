@@ -142,7 +142,7 @@ class FakePool(LocalPool):
         pass
 
     @override
-    async def acquire(self, town: str, agent: str) -> LocalSimulator:
+    async def acquire(self, town: tuple[str, int | None], agent: str) -> LocalSimulator:
         if len(self.taken) >= self.slots:
             raise SimulatorsBusyError(f"all {self.slots} simulators are busy")
         self.starts += 1

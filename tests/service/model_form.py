@@ -15,6 +15,6 @@ def form(*parts: bytes) -> bytes:
     return b"".join(parts) + f"--{BOUNDARY}--\r\n".encode()
 
 
-def model(value: bytes = b"a model", name: str = "mine", suite: str = "smoke@2") -> bytes:
+def model(value: bytes = b"a model", name: str = "mine", suite: str = "smoke@3") -> bytes:
     """A form that hands a model in."""
     return form(part("suite", suite.encode()), part("name", name.encode()), part("model", value))

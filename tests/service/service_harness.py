@@ -158,7 +158,7 @@ class Agent:
         body = {"seq": seq, "action": action}
         return patiently(lambda: self.http.post(f"/v1/episodes/{episode}/step", json=body))
 
-    def evaluate(self, suite: str = "smoke@2") -> dict[str, Any]:
+    def evaluate(self, suite: str = "smoke@3") -> dict[str, Any]:
         return expect(self.http.post("/v1/evaluations", json={"suite": suite}), 201)
 
     def reset(self, evaluation: str, **headers: str) -> httpx.Response:

@@ -21,7 +21,7 @@ from wrongturn_service.storage.models import Base
 
 OPERATOR = "the-operators-own-token"
 BEARER = {"Authorization": f"Bearer {OPERATOR}"}
-SUITE = "smoke@2"
+SUITE = "smoke@3"
 KEPT = {"audit", "held"}
 """Tables that remember what was deleted."""
 

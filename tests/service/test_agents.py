@@ -70,18 +70,18 @@ def test_a_token_is_rotated_and_revoked(service: RunningService, agent: Agent, o
     rotated = expect(agent.http.post(url, headers=key), 201)
     assert lost["token"] != rotated["token"]
     with Agent(service.url, lost) as ended:
-        problem(ended.http.post("/v1/evaluations", json={"suite": "smoke@2"}), 401, "unauthenticated")
-    problem(agent.http.post("/v1/evaluations", json={"suite": "smoke@2"}), 401, "unauthenticated")
+        problem(ended.http.post("/v1/evaluations", json={"suite": "smoke@3"}), 401, "unauthenticated")
+    problem(agent.http.post("/v1/evaluations", json={"suite": "smoke@3"}), 401, "unauthenticated")
     with Agent(service.url, rotated) as renewed:
-        renewed.evaluate("wrong-command@2")
+        renewed.evaluate("wrong-command@3")
         assert renewed.http.delete(url).status_code == 204
-        problem(renewed.http.post("/v1/evaluations", json={"suite": "smoke@2"}), 401, "unauthenticated")
+        problem(renewed.http.post("/v1/evaluations", json={"suite": "smoke@3"}), 401, "unauthenticated")
         problem(renewed.http.delete(url), 401, "unauthenticated")
     with httpx.Client(base_url=service.url, timeout=60) as operator:
         fresh = expect(operator.post(url, headers=OPERATOR), 201)
         assert operator.delete(url, headers=OPERATOR).status_code == 204
     with Agent(service.url, fresh) as revoked:
-        problem(revoked.http.post("/v1/evaluations", json={"suite": "smoke@2"}), 401, "unauthenticated")
+        problem(revoked.http.post("/v1/evaluations", json={"suite": "smoke@3"}), 401, "unauthenticated")
 
 
 def test_a_registration_again_by_its_key(service: RunningService, http: httpx.Client) -> None:
@@ -104,17 +104,17 @@ def test_a_registration_again_by_its_key(service: RunningService, http: httpx.Cl
 
 def test_keys_belong_to_their_owners(agent: Agent, other: Agent) -> None:
     key = {"Idempotency-Key": "the same word"}
-    one = expect(agent.http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=key), 201)
-    again = expect(agent.http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=key), 201)
-    another = expect(other.http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=key), 201)
+    one = expect(agent.http.post("/v1/evaluations", json={"suite": "smoke@3"}, headers=key), 201)
+    again = expect(agent.http.post("/v1/evaluations", json={"suite": "smoke@3"}, headers=key), 201)
+    another = expect(other.http.post("/v1/evaluations", json={"suite": "smoke@3"}, headers=key), 201)
     assert one == again
     assert one["id"] != another["id"]
-    response = agent.http.post("/v1/evaluations", json={"suite": "wrong-command@2"}, headers=key)
+    response = agent.http.post("/v1/evaluations", json={"suite": "wrong-command@3"}, headers=key)
     problem(response, 422, "idempotency-key-reused")
 
 
 @pytest.mark.parametrize("key", ["", "x" * 256, "\xe9", "a\tb"])
 def test_a_key_that_is_none(agent: Agent, key: str) -> None:
     headers = {"Idempotency-Key": key.encode("latin-1")}
-    response = agent.http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=headers)
+    response = agent.http.post("/v1/evaluations", json={"suite": "smoke@3"}, headers=headers)
     problem(response, 422, "validation", "Idempotency-Key")

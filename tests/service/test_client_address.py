@@ -94,22 +94,3 @@ async def test_an_idempotency_key_belongs_to_its_sender(tmp_path: Path) -> None:
             theirs = await stranger.post("/v1/owners", json={"name": "me"}, headers={"Idempotency-Key": "o"})
             problem(theirs, 409, "owner-name-taken")
             assert owner["token"] not in theirs.text
-
-
-async def test_names_of_shipped_agents_are_for_the_operator(tmp_path: Path) -> None:
-    async with application(tmp_path, operator_token="secret") as http:
-        del http.headers["Authorization"]
-        for name in ("careful", "Carefu1", "PPO image"):
-            told = problem(
-                await http.post("/v1/agents", json={"name": name, "track": "camera"}), 409, "agent-name-taken"
-            )
-            assert "comes with Wrongturn" in told["detail"]
-        problem(await http.post("/v1/owners", json={"name": "Wr0ng turn"}), 409, "owner-name-taken")
-        owner = expect(await http.post("/v1/owners", json={"name": "me"}), 201)
-        body = {"name": "Careful", "track": "privileged", "kind": "submitted"}
-        problem(
-            await http.post("/v1/agents", json=body, headers={"Authorization": f"Bearer {owner['token']}"}),
-            409,
-            "agent-name-taken",
-        )
-        expect(await http.post("/v1/agents", json=body, headers={"Authorization": "Bearer secret"}), 201)

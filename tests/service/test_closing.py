@@ -19,7 +19,7 @@ from wrongturn_service import service
 from wrongturn_service.episodes.evaluations import RunningEvaluations
 from wrongturn_service.storage.store import Store
 
-SUITE = "smoke@2"
+SUITE = "smoke@3"
 
 
 async def begin(http: httpx.AsyncClient, suite: str = SUITE) -> dict[str, Any]:
@@ -61,7 +61,7 @@ async def test_one_open_evaluation_for_each_suite(tmp_path: Path) -> None:
         expect(await http.post("/v1/evaluations", json={"suite": SUITE}, headers=headers), 201)
 
 
-@pytest.mark.parametrize(("suite", "draw", "cells"), [("smoke@2", "open", 6), ("navigation@1", "listed", 0)])
+@pytest.mark.parametrize(("suite", "draw", "cells"), [("smoke@3", "open", 6), ("navigation@1", "listed", 0)])
 async def test_a_suite_shows_its_cells_and_which_draw_its_trials_are(
     suite: str, draw: str, cells: int, tmp_path: Path
 ) -> None:

@@ -71,7 +71,7 @@ class Filler:
             self._send(http, "abort", "DELETE", f"/v1/episodes/{begun['id']}")
 
     def _evaluate(self, http: httpx.Client) -> None:
-        begun = self._send(http, "evaluation", "POST", "/v1/evaluations", json={"suite": "smoke@2"}, headers=_key())
+        begun = self._send(http, "evaluation", "POST", "/v1/evaluations", json={"suite": "smoke@3"}, headers=_key())
         if begun:
             url = f"/v1/evaluations/{begun['id']}"
             self._send(http, "reset", "POST", f"{url}/episodes", headers=_key())

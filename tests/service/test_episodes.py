@@ -113,9 +113,9 @@ def test_an_episode_given_up(agent: Agent) -> None:
 
 
 def test_practice_by_suite_and_trial(agent: Agent) -> None:
-    trials = expect(agent.http.get("/v1/suites/smoke@2/trials"), 200)["trials"]
+    trials = expect(agent.http.get("/v1/suites/smoke@3/trials"), 200)["trials"]
     assert len(trials) == 6
     for trial in (trials[0]["id"], trials[0]["twin"]):
-        reset = agent.practise(suite="smoke@2", trial=trial, track="privileged")
+        reset = agent.practise(suite="smoke@3", trial=trial, track="privileged")
         assert reset["trial"] == trial
         assert set(reset["observation"]) > {"pose", "lane", "exits", "road_users"}

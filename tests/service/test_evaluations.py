@@ -33,10 +33,10 @@ def finished(service: RunningService) -> Iterator[dict[str, Any]]:
 
 
 def test_what_a_new_evaluation_says(service: RunningService, agent: Agent) -> None:
-    evaluation = agent.evaluate("wrong-command@2")
+    evaluation = agent.evaluate("wrong-command@3")
     assert evaluation == {
         "id": evaluation["id"],
-        "suite": "wrong-command@2",
+        "suite": "wrong-command@3",
         "agent": agent.id,
         "state": "running",
         "trials": 120,
@@ -56,7 +56,7 @@ def test_each_trial_and_each_twin_was_driven_once(finished: dict[str, Any]) -> N
     metrics = Metrics.model_validate_json(json.dumps(detail["metrics"]))
     assert metrics.unsafe.trials == 6
     shown = expect(agent.http.get(f"/v1/evaluations/{finished['evaluation']['id']}/episodes"), 200)["episodes"]
-    drawn = load_suite("smoke@2").draw(detail["secret"])
+    drawn = load_suite("smoke@3").draw(detail["secret"])
     assert {episode["trial"] for episode in shown} == {trial.id for trial in drawn.episodes}
     assert {episode["id"]: episode["seq"] for episode in shown} == finished["episodes"]
 
@@ -103,7 +103,7 @@ def test_the_workers_record(finished: dict[str, Any]) -> None:
 
 def test_a_leaderboard_without_agents_has_algorithms_alone(service: RunningService) -> None:
     with httpx.Client(base_url=service.url, timeout=60) as stranger:
-        board = Leaderboard.model_validate_json(stranger.get("/v1/leaderboards/wrong-command@2").text)
+        board = Leaderboard.model_validate_json(stranger.get("/v1/leaderboards/wrong-command@3").text)
     assert {entry.agent.kind for entry in board.entries} == {AgentKind.ALGORITHM}
     assert board.updated is None
 

@@ -68,7 +68,7 @@ async def test_the_suite_and_its_trials(tmp_path: Path) -> None:
         trials = expect(await http.get(f"/v1/suites/{SUITE}/trials"), 200)["trials"]
         assert [trial["journey"]["task"] for trial in trials] == [trial.journey.task for trial in journeys()]  # type: ignore[union-attr]
         assert all(trial.get("twin") is None for trial in trials)
-        (paper, *_) = expect(await http.get("/v1/suites/smoke@2/trials"), 200)["trials"]
+        (paper, *_) = expect(await http.get("/v1/suites/smoke@3/trials"), 200)["trials"]
         assert paper["twin"]
         assert "journey" not in paper
         practice = expect(await http.post("/v1/episodes", json={"suite": SUITE, "trial": trials[0]["id"]}), 201)

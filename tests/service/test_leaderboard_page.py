@@ -11,7 +11,7 @@ from wrongturn_networks import load_suite
 from wrongturn_protocol import Outcome, Verdict
 from wrongturn_service.storage.models import AgentRow, EvaluationRow, OwnerRow
 
-SUITE = "smoke@2"
+SUITE = "smoke@3"
 PAGE = f"/leaderboards/{SUITE}"
 HTML = {"Accept": "text/html"}
 

@@ -19,7 +19,7 @@ from wrongturn_networks import load_suite
 from wrongturn_protocol import AlgorithmResult, Comparison, Leaderboard, SeedOutcome, Track, Verdict
 from wrongturn_service.evaluation.algorithms import GROUP
 
-SUITE = "smoke@2"
+SUITE = "smoke@3"
 
 
 class TrialsEnd(dict[str, Verdict]):
@@ -137,7 +137,7 @@ async def test_a_comparison_that_makes_no_sense_says_what_is_wrong(tmp_path: Pat
         assert "two different" in told["detail"]
         assert told["errors"][0]["message"] == "is 'here', the same agent as a; name two different agents"
         told = problem(await http.get(url, params={"a": "here", "b": "idle"}), 404, "unknown-evaluation", "query.b")
-        assert "query.b: 'idle' has no entry on smoke@2" in told["detail"]
+        assert "query.b: 'idle' has no entry on smoke@3" in told["detail"]
         assert told["errors"][0]["message"].startswith("'idle' has no entry")
         told = problem(await http.get(url, params={"a": "nobody", "b": "here"}), 404, "unknown-agent", "query.a")
         assert told["errors"][0]["message"].startswith("there is no agent 'nobody'")
@@ -171,5 +171,5 @@ async def test_algorithms_are_listed_beside_the_agents(tmp_path: Path, monkeypat
         assert ppo.seeds is not None
         assert ppo.seeds.count == 1
         # A plug-in that fails takes no leaderboard away.
-        others = await asyncio.gather(*(board(http, suite) for suite in ("wrong-command@2", "navigation@1")))
+        others = await asyncio.gather(*(board(http, suite) for suite in ("wrong-command@3", "navigation@1")))
         assert [other.entries for other in others] == [(), ()]

@@ -33,7 +33,7 @@ async def test_a_silent_agents_simulator_goes_to_others_and_is_rebuilt(tmp_path:
 async def test_an_agent_that_does_not_come_back(tmp_path: Path) -> None:
     pool = FakePool()
     async with application(tmp_path, pool, lease_release_s=10, lease_abort_s=600) as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         reset = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)
         assert reset["lease_expires_in_s"] == 600
         expect(await step(http, reset["id"], 1), 200)
@@ -51,7 +51,7 @@ async def test_a_simulator_that_dies_at_each_try_makes_the_episode_invalid_and_i
 ) -> None:
     pool = FakePool()
     async with application(tmp_path, pool) as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
         expect(await step(http, episode, 1), 200)
         pool.deaths_at_step += [None] * 4
@@ -148,7 +148,7 @@ async def test_an_abort_needs_no_simulator_that_works(tmp_path: Path) -> None:
 
 async def test_so_many_episodes_of_an_evaluation_and_no_more(tmp_path: Path) -> None:
     async with application(tmp_path, max_parallel=2) as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)
         assert evaluation["max_parallel"] == 2
         url = f"/v1/evaluations/{evaluation['id']}/episodes"
         for _ in range(2):
@@ -191,7 +191,7 @@ async def test_metrics_that_fail_are_computed_later(tmp_path: Path, monkeypatch:
     compute = metrics.compute
 
     async with application(tmp_path) as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         monkeypatch.setattr(metrics, "compute", lambda *_: 1 / 0)
         for _ in range(12):
             episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]

@@ -103,7 +103,7 @@ def _step(seq: int) -> dict[str, Any]:
 
 async def test_so_many_open_episodes_of_an_agent(tmp_path: Path) -> None:
     async with application(tmp_path, FakePool(slots=8), max_open=4) as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         url = f"/v1/evaluations/{evaluation}/episodes"
         scored = expect(await http.post(url), 201)["id"]
         for _ in range(2):

@@ -66,7 +66,7 @@ async def test_a_process_inherits_no_secrets_and_no_files(monkeypatch: pytest.Mo
     async with pool_of() as pool:
         held = os.open(tmp_path, os.O_RDONLY)
         os.set_inheritable(held, True)
-        simulator = await pool.acquire("Town01", "a")
+        simulator = await pool.acquire(("Town01", None), "a")
         os.close(held)
         process, own = Path(f"/proc/{simulator.process.pid}"), Path("/proc/self/fd")
         variables = dict(pair.split("=", 1) for pair in (process / "environ").read_text().split("\0") if pair)
@@ -91,7 +91,7 @@ async def test_one_that_ends_at_once_or_is_never_ready(program: str, start: floa
 async def test_a_program_that_is_not_there() -> None:
     pool = LocalPool(1, start_timeout_s=1, timeout_s=1, command=("/no/such/program",))
     with pytest.raises(SimulatorStartError, match="could be started"):
-        await pool.acquire("Town01", "a")
+        await pool.acquire(("Town01", None), "a")
     assert pool.running == 0
 
 
@@ -100,7 +100,7 @@ async def test_who_waits_is_heard_when_the_other_ones_does_not_start() -> None:
 
         async def acquire() -> None:
             with pytest.raises(SimulatorStartError, match="did not get ready"):
-                await pool.acquire("Town01", "a")
+                await pool.acquire(("Town01", None), "a")
 
         await asyncio.wait_for(asyncio.gather(acquire(), acquire(), acquire()), 120)
 
@@ -108,7 +108,7 @@ async def test_who_waits_is_heard_when_the_other_ones_does_not_start() -> None:
 @pytest.mark.parametrize(("steer", "message"), [(0.25, "ended"), (0.5, "within 5 s"), (0.75, "ValueError: broken")])
 async def test_one_that_dies_hangs_or_breaks(steer: float, message: str) -> None:
     async with pool_of() as pool:
-        first = await pool.acquire("Town01", "a")
+        first = await pool.acquire(("Town01", None), "a")
         await first.reset("trial", Track.STATE, b"", Encoding.JSON)
         with pytest.raises(SimulatorDiedError, match=message):
             await first.step((steer, 0.0, 0.0), Encoding.JSON)
@@ -117,14 +117,14 @@ async def test_one_that_dies_hangs_or_breaks(steer: float, message: str) -> None
             await first.step((0.0, 0.0, 0.0), Encoding.JSON)
         await pool.release(first)
         assert (pool.running, pool.busy) == (0, 0)
-        second = await pool.acquire("Town01", "a")
+        second = await pool.acquire(("Town01", None), "a")
         assert not second.dead
         await pool.release(second)
 
 
 async def test_a_long_replay_has_longer() -> None:
     async with pool_of(call=2) as pool:
-        simulator = await pool.acquire("Town01", "a")
+        simulator = await pool.acquire(("Town01", None), "a")
         # Two seconds, and twenty more for a thousand actions.
         assert (await simulator.reset("slow", Track.STATE, bytes(1000 * 12), Encoding.JSON)).observation == b"slow"
         with pytest.raises(SimulatorDiedError, match="within 2 s"):
@@ -133,7 +133,7 @@ async def test_a_long_replay_has_longer() -> None:
 
 async def test_one_that_refuses_goes_on() -> None:
     async with pool_of() as pool:
-        simulator = await pool.acquire("Town01", "a")
+        simulator = await pool.acquire(("Town01", None), "a")
         with pytest.raises(EpisodeRefusedError, match="not here"):
             await simulator.reset("bad", Track.STATE, b"", Encoding.JSON)
         frame = await simulator.reset("good", Track.STATE, b"", Encoding.JSON)
@@ -143,7 +143,7 @@ async def test_one_that_refuses_goes_on() -> None:
 
 async def test_a_call_that_is_given_up_does_not_leave_its_reply_to_the_next() -> None:
     async with pool_of() as pool:
-        simulator = await pool.acquire("Town01", "a")
+        simulator = await pool.acquire(("Town01", None), "a")
         call = simulator.step((0.0, 0.0, 0.0), Encoding.JSON)
         await asyncio.sleep(0)
         call.cancel()
@@ -154,30 +154,30 @@ async def test_a_call_that_is_given_up_does_not_leave_its_reply_to_the_next() ->
 
 async def test_slots_and_what_is_warm() -> None:
     async with pool_of(slots=2) as pool:
-        one, two = await asyncio.gather(pool.acquire("Town01", "a"), pool.acquire("Town02", "a"))
+        one, two = await asyncio.gather(pool.acquire(("Town01", None), "a"), pool.acquire(("Town02", None), "a"))
         assert (pool.running, pool.busy) == (2, 2)
         with pytest.raises(SimulatorsBusyError, match="all 2"):
-            await pool.acquire("Town01", "a")
+            await pool.acquire(("Town01", None), "a")
         await pool.release(two)
-        assert await pool.acquire("Town01", "a") is two
+        assert await pool.acquire(("Town01", None), "a") is two
         await pool.release(one)
         await pool.release(two)
         two.town = "Town02"
-        assert await pool.acquire("Town01", "a") is one
-        assert await pool.acquire("Town02", "a") is two
+        assert await pool.acquire(("Town01", None), "a") is one
+        assert await pool.acquire(("Town02", None), "a") is two
         assert pool.running == 2
 
 
 async def test_many_that_died_idle_are_found_by_many_at_once() -> None:
     async with pool_of(slots=3) as pool:
-        idle = await asyncio.gather(*(pool.acquire("Town01", "a") for _ in range(3)))
+        idle = await asyncio.gather(*(pool.acquire(("Town01", None), "a") for _ in range(3)))
         for simulator in idle:
             await pool.release(simulator)
         for simulator in idle:
             simulator.process.kill()
             await asyncio.to_thread(simulator.process.wait)
         await until(lambda: all(simulator.dead for simulator in idle))
-        fresh = await asyncio.gather(*(pool.acquire("Town01", "a") for _ in range(3)))
+        fresh = await asyncio.gather(*(pool.acquire(("Town01", None), "a") for _ in range(3)))
         assert not {*fresh} & {*idle}
         assert (pool.running, pool.busy) == (3, 3)
 
@@ -186,14 +186,14 @@ async def test_a_spare_one_takes_the_place_of_one_that_dies() -> None:
     async with pool_of(slots=2, spare=1) as pool:
         await pool.start()
         assert (pool.running, pool.busy) == (1, 0)
-        one, two = await pool.acquire("Town01", "a"), await pool.acquire("Town01", "a")
+        one, two = await pool.acquire(("Town01", None), "a"), await pool.acquire(("Town01", None), "a")
         await until(lambda: pool.running == 3 and pool.idle == 1)
         with pytest.raises(SimulatorsBusyError, match="all 2"):
-            await pool.acquire("Town01", "a")
+            await pool.acquire(("Town01", None), "a")
         with pytest.raises(SimulatorDiedError):
             await two.step((0.25, 0.0, 0.0), Encoding.JSON)
         await pool.release(two)
-        three = await pool.acquire("Town01", "a")
+        three = await pool.acquire(("Town01", None), "a")
         assert not three.dead
         # It was there before: nobody waited for a start.
         assert (pool.idle, pool.busy) == (0, 2)
@@ -221,8 +221,8 @@ except FileExistsError:
 """
 
     async with pool_of(program, slots=2) as pool:
-        first = await pool.acquire("Town01", "a")
-        second = asyncio.create_task(pool.acquire("Town01", "a"))
+        first = await pool.acquire(("Town01", None), "a")
+        second = asyncio.create_task(pool.acquire(("Town01", None), "a"))
         await asyncio.sleep(0.3)
         assert not second.done()
         assert pool.busy == 2

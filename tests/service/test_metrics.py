@@ -42,7 +42,7 @@ async def figures(http) -> dict[str, float]:  # type: ignore[no-untyped-def]
 async def test_steps_latencies_slots_and_ends(tmp_path: Path) -> None:
     pool = FakePool()
     async with application(tmp_path, pool) as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
         practice = expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"]
         for seq in range(1, 11):
@@ -88,7 +88,7 @@ async def test_each_figure_is_documented_and_nothing_else_and_each_route_bears_i
 
 async def test_scored_verdicts_are_counted_once_their_evaluation_is_finished(tmp_path: Path) -> None:
     async with application(tmp_path) as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         for driven in range(12):
             assert not [name for name in await figures(http) if "ended_total,true" in name], driven
             episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
@@ -110,13 +110,13 @@ def test_hidden_verdicts_change_nothing_that_anybody_can_read(tmp_path: Path) ->
         pool = FakePool()
         pool.end = verdict
         async with application(folder, pool) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
             listed = expect(await http.get("/v1/agents"), 200)["agents"]
             for _ in range(3):
                 episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
                 for seq in range(1, 11):
                     expect(await step(http, episode, seq), 200)
-            pages = ["/", "/agents", f"/agents/{listed[0]['id']}", "/leaderboards/smoke@2", "/v1/leaderboards/smoke@2"]
+            pages = ["/", "/agents", f"/agents/{listed[0]['id']}", "/leaderboards/smoke@3", "/v1/leaderboards/smoke@3"]
             pages += [f"/v1/evaluations/{evaluation}", f"/v1/evaluations/{evaluation}/episodes"]
             pages += [f"/v1/episodes/{episode}", f"/episodes/{episode}", f"/v1/episodes/{episode}/trajectory"]
             texts = [(await http.get(page)).text for page in pages]
@@ -184,7 +184,7 @@ async def test_metrics_on_a_port_of_their_own(tmp_path: Path) -> None:
 async def test_what_the_infrastructure_cut_off(tmp_path: Path) -> None:
     pool = FakePool()
     async with application(tmp_path, pool) as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
         pool.deaths_at_step.append(None)
         expect(await step(http, episode, 1), 200)
@@ -197,7 +197,7 @@ async def test_what_the_infrastructure_cut_off(tmp_path: Path) -> None:
         pool.deaths_at_step.clear()
         pool.deaths_at_reset.clear()
         assert (await http.delete(f"/v1/evaluations/{evaluation}")).is_success
-        deleted = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        deleted = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         expect(await http.post(f"/v1/evaluations/{deleted}/episodes"), 201)
         assert (await http.delete(f"/v1/evaluations/{deleted}")).is_success
         assert (await figures(http))["wrongturn_episodes_voided_total,cancelled"] == 1
@@ -249,7 +249,7 @@ async def test_the_log_carries_the_ids(tmp_path: Path) -> None:
     )
     try:
         async with application(tmp_path) as http:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
             response = await http.post(f"/v1/evaluations/{evaluation}/episodes")
             episode = expect(response, 201)["id"]
             for seq in range(1, 11):

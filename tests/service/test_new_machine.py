@@ -20,7 +20,7 @@ from service_harness import expect, problem
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/operating.md").read_text("utf-8")
 BACKUP = ROOT / "deploy/backup"
-BOARD = "/v1/leaderboards/smoke@2"
+BOARD = "/v1/leaderboards/smoke@3"
 
 
 def machine(home: Path, database: str) -> dict[str, str]:
@@ -70,11 +70,11 @@ async def test_a_new_machine_goes_on_with_a_backup(engine: str, request: pytest.
 
     async def old(http: httpx.AsyncClient) -> Left:
         first = str(http.headers["Authorization"])
-        done = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        done = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         await drive(http, done, 12)
         token = expect(await register(http, name="two", track="camera"), 201)["token"]
         http.headers["Authorization"] = f"Bearer {token}"
-        running = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        running = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         await drive(http, running, 3)
         open_one = expect(await http.post(f"/v1/evaluations/{running}/episodes"), 201)["id"]
         board = expect(await http.get(BOARD), 200)

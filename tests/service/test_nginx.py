@@ -128,7 +128,7 @@ def test_an_agent_drives_over_both_ways(proxied: Proxied, monkeypatch: pytest.Mo
     with Client(proxied.url) as client:
         token = client.register("behind nginx", "privileged").token
     with Client(proxied.url, token) as client:
-        assert client.evaluate(Gas(), "smoke@2").state is EvaluationState.FINISHED
+        assert client.evaluate(Gas(), "smoke@3").state is EvaluationState.FINISHED
         opened = httpx.post(f"{proxied.url}/v1/episodes", **call(proxied, token, PRACTICE), timeout=60)
         begun = expect(opened, 201)["id"]
         step = call(proxied, token, {"seq": 1, "action": GAS})
@@ -175,20 +175,20 @@ def test_refusals_arrive_while_the_body_is_sent(proxied: Proxied) -> None:
         problem(http.post("v1/owners", **large), 413, "body-too-large")
         large["content"] = b"x" * (1 << 20)
         problem(http.post(f"{proxied.service.url}/v1/owners", **large), 413, "body-too-large")
-        form = {"files": {"model": b"x" * (20 << 20)}, "data": {"suite": "smoke@2", "name": "large"}}
+        form = {"files": {"model": b"x" * (20 << 20)}, "data": {"suite": "smoke@3", "name": "large"}}
         problem(http.post("v1/submissions", **form), 401, "unauthenticated")
 
 
 def test_the_pages_commands(proxied: Proxied) -> None:
     environment = {**os.environ, "SSL_CERT_FILE": str(proxied.authority)}
     said = subprocess.run(
-        [sys.executable, "-m", "wrongturn_client", "leaderboard", "smoke@2", "--url", proxied.url, "--json"],
+        [sys.executable, "-m", "wrongturn_client", "leaderboard", "smoke@3", "--url", proxied.url, "--json"],
         env=environment,
         capture_output=True,
         text=True,
         check=True,
     )
-    assert '"smoke@2"' in said.stdout
+    assert '"smoke@3"' in said.stdout
     curl = ["curl", "-sS", "--cacert", str(proxied.authority), f"{proxied.url}/health/ready"]
     assert '"ok"' in subprocess.run(curl, capture_output=True, text=True, check=True).stdout
     without = subprocess.run(curl[:2] + curl[-1:], capture_output=True, text=True, check=False)

@@ -48,7 +48,7 @@ def test_an_owners_agents(http: httpx.Client) -> None:
     told = problem(http.post("/v1/agents", json=body, headers=bearer(agents[0])), 403, "forbidden")
     assert "agent's token" in told["detail"]
     problem(http.post("/v1/agents", json=body, headers={"Authorization": "Bearer guess"}), 401, "unauthenticated")
-    problem(http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=bearer(owner)), 401, "unauthenticated")
+    problem(http.post("/v1/evaluations", json={"suite": "smoke@3"}, headers=bearer(owner)), 401, "unauthenticated")
     # The same tokens register no owner either.
     another = {"name": name()}
     told = problem(http.post("/v1/owners", json=another, headers=bearer(agents[0])), 403, "forbidden")
@@ -119,6 +119,12 @@ def test_names_that_mislead_are_reserved(http: httpx.Client, taken: str) -> None
     problem(http.post("/v1/agents", json=agent), 409, "agent-name-taken")
     told = problem(http.post("/v1/agents", json=agent, headers=bearer(owner)), 409, "agent-name-taken")
     assert "is reserved" in told["detail"]
+
+
+@pytest.mark.parametrize("taken", ["careful", "Carefu1", "PPO image"])
+def test_names_of_shipped_agents_are_for_the_operator(http: httpx.Client, taken: str) -> None:
+    told = problem(http.post("/v1/agents", json={"name": taken, "track": "camera"}), 409, "agent-name-taken")
+    assert "comes with Wrongturn" in told["detail"]
 
 
 def test_a_registration_again_by_its_key(http: httpx.Client) -> None:

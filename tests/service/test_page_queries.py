@@ -29,7 +29,7 @@ async def test_every_query_has_an_index(postgres: PostgresServer, tmp_path: Path
     from pages import an_episode, paths
 
     url = await asyncio.to_thread(postgres.new_database)
-    filled = await fill(url, "smoke@2", 6)
+    filled = await fill(url, "smoke@3", 6)
     assert filled.episodes == 6 * 12
     async with application(tmp_path, database=url) as http:
         del http.headers["Authorization"]
@@ -41,10 +41,10 @@ async def test_every_query_has_an_index(postgres: PostgresServer, tmp_path: Path
                 assert response.status_code == 200, f"{path}: {response.text[:300]}"
         with recorded(engine) as again:
             a, b = filled.agents[-2:]  # which no page has compared, so nothing of it is kept
-            await http.get(f"/v1/leaderboards/smoke@2/compare?a={a}&b={b}")
+            await http.get(f"/v1/leaderboards/smoke@3/compare?a={a}&b={b}")
         assert again
         assert not [query.about for query in again if "evaluations.suite =" in query.about], "reads all agents"
-        assert (await http.get(f"/v1/leaderboards/smoke@2/compare?a=%00&b={b}")).status_code == 422
+        assert (await http.get(f"/v1/leaderboards/smoke@3/compare?a=%00&b={b}")).status_code == 422
         about = {query.about: query for query in queries}
         assert any("FROM episodes" in line for line in about)
         assert any("FROM trajectories" in line for line in about)

@@ -39,7 +39,7 @@ async def test_agents_and_owners_by_pages(tmp_path: Path) -> None:
                 assert listed == names
                 assert all(len(page) == limit for page in found[:-1])
                 assert found[-1]
-        expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)
+        expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)
         assert [agent["name"] for [agent] in await pages(http, "/v1/agents", "agents", 1)] == ["one"]
         shown = (await http.get("/agents")).text
         assert "Show 4 more" in shown
@@ -49,7 +49,7 @@ async def test_agents_and_owners_by_pages(tmp_path: Path) -> None:
 
 async def test_episodes_by_pages(tmp_path: Path) -> None:
     async with application(tmp_path, FakePool(slots=9)) as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         url = f"/v1/evaluations/{evaluation}/episodes"
         driven = [expect(await http.post(url), 201)["id"] for _ in range(5)]
         for seq in range(1, 11):

@@ -109,7 +109,7 @@ def test_a_rush_of_calls_does_not_keep_out_who_asks_for_one_while_simulators_sta
 
         async def ask(agent: str) -> None:
             with contextlib.suppress(SimulatorsBusyError):
-                await pool.acquire("Town01", agent)
+                await pool.acquire(("Town01", None), agent)
                 served.append(agent)
 
         calls = [asyncio.create_task(ask("greedy")) for _ in range(12)]
@@ -117,7 +117,7 @@ def test_a_rush_of_calls_does_not_keep_out_who_asks_for_one_while_simulators_sta
         with monkeypatch.context() as patch:
             patch.setattr(local_pool, "START_WAIT_S", 0)
             with pytest.raises(SimulatorsBusyError) as told:
-                await pool.acquire("Town01", "modest")
+                await pool.acquire(("Town01", None), "modest")
             assert told.value.position == 2
         calls += [asyncio.create_task(ask("modest")) for _ in range(2)]
         await asyncio.gather(*calls)
@@ -131,7 +131,7 @@ def test_spare_ones_that_die_again_and_again_are_started_rarely(stage: Stage) ->
     async def story(pool: LocalPool) -> None:
         loop = asyncio.get_running_loop()
         while loop.time() < 10 * PAUSE_S:
-            simulator = await pool.acquire("Town01", "b")
+            simulator = await pool.acquire(("Town01", None), "b")
             await asyncio.sleep(1)
             for other in stage.started:
                 other.killed |= other is not simulator

@@ -147,7 +147,7 @@ async def test_an_evaluation_goes_on_through_broken_connections(
                 await asyncio.sleep(0.05)
             raise AssertionError(response.text)
 
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)
         path = f"/v1/evaluations/{evaluation['id']}/episodes"
         for number in range(evaluation["trials"]):
             if number % 2:

@@ -50,21 +50,6 @@ def test_an_agent_that_asks_for_many_does_not_keep_out_who_asks_for_one() -> Non
     assert _position(line, "greedy", "more 0") == 3
 
 
-def test_as_many_drive_as_there_are_slots_and_no_more() -> None:
-    line = _line(3)
-    for call in range(3):
-        line.enter("a", str(call))
-    for call in range(5):
-        _refused(line, "b", str(call))
-    line.leave("a")
-    line.leave("a")
-    assert _position(line, "b", "4") == 3
-    line.enter("b", "1")
-    line.enter("b", "0")
-    assert _position(line, "b", "2") == 1
-    assert line.waiting == 3
-
-
 def test_a_place_is_kept_for_who_comes_back_in_time() -> None:
     clock = Clock()
     line = _line(1, clock)

@@ -104,7 +104,7 @@ async def test_open_episodes_of_an_owner_and_of_an_address(tmp_path: Path) -> No
         await practise(mine[1])
         await practise(mine[2], "this owner has 2 practice episodes")
         for headers in mine:
-            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=headers), 201)
+            evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}, headers=headers), 201)
             reset = await http.post(f"/v1/evaluations/{evaluation['id']}/episodes", headers=headers)
             if headers is not mine[2]:
                 expect(reset, 201)
@@ -133,7 +133,7 @@ async def test_stored_bytes_are_those_of_the_rows(tmp_path: Path) -> None:
         practised = (await stored(http))["one"]
         assert fresh + 2048 < practised < fresh + EPISODE_RESERVE
         began = {"Idempotency-Key": "e"}
-        wanted = {"suite": "smoke@2"}
+        wanted = {"suite": "smoke@3"}
         evaluation = expect(await http.post("/v1/evaluations", json=wanted, headers=began), 201)["id"]
         url = f"/v1/evaluations/{evaluation}/episodes"
         expect(await http.post(url, headers=headers | {"Idempotency-Key": "r"}), 201)
@@ -160,7 +160,7 @@ async def everything_is_old(http: httpx.AsyncClient, unused_before: float = 0.0)
 async def test_an_evaluation_counts_what_it_can_come_to_until_it_is_finished(tmp_path: Path) -> None:
     async with application(tmp_path, FakePool(slots=4)) as http:
         fresh = (await stored(http))["one"]
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         for number in range(12):
             headers = {"Idempotency-Key": f"r{number}"}
             reset = await http.post(f"/v1/evaluations/{evaluation}/episodes", headers=headers)
@@ -210,7 +210,7 @@ async def inflate(http: httpx.AsyncClient, episode: str, size: int) -> None:
 @pytest.mark.parametrize("which", ["bytes_per_owner", "bytes_per_address"])
 async def test_what_does_not_fit_is_refused_and_leaves_nothing(tmp_path: Path, which: str) -> None:
     async with application(tmp_path, FakePool(slots=4), **{which: MIB}) as http:
-        told = problem(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 507, "quota-reached")
+        told = problem(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 507, "quota-reached")
         whose = "the address that registered this owner" if "address" in which else "this owner"
         assert f": {whose} has 0.0" in told["detail"]
         assert "of 1.05 MB, its quota; " in told["detail"]
@@ -239,7 +239,7 @@ async def test_what_does_not_fit_is_refused_and_leaves_nothing(tmp_path: Path, w
 
 async def test_owners_that_never_drove_and_lost_episodes_are_deleted(tmp_path: Path) -> None:
     async with application(tmp_path, FakePool(slots=4), operator_token="secret") as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
         await store_of(http).lose_episode(episode)
         expect(await register(http, name="idle", track="privileged"), 201)

@@ -18,6 +18,7 @@ from wrongturn_protocol import Track
 from wrongturn_protocol.observations import decode
 from wrongturn_service import replays as replays_module
 from wrongturn_service import service as service_module
+from wrongturn_service.episodes.draws import Draws
 from wrongturn_service.replays import PICTURE, SHEET, Replays
 from wrongturn_service.web.drives import ROWS
 from wrongturn_sim.ego import SUB_STEPS
@@ -25,6 +26,8 @@ from wrongturn_sim.ego import SUB_STEPS
 FOLDER = Path(__file__).parent
 WARMED = """
 import asyncio, gc, sys
+from pathlib import Path
+from wrongturn_service.episodes.draws import Draws
 from wrongturn_service.replays import Replays
 from stored_drive import StoredDrive
 def compiled():
@@ -33,7 +36,7 @@ def compiled():
     from numba.core.dispatcher import Dispatcher
     return sum(len(one.signatures) for one in gc.get_objects() if isinstance(one, Dispatcher))
 async def main():
-    replays = Replays(StoredDrive())
+    replays = Replays(StoredDrive(), Draws(Path("unused")))
     print(compiled())
     await replays.warm_up()
     print(compiled())
@@ -120,7 +123,7 @@ async def test_pictures_wait_for_the_warm_up_and_other_things_do_not(monkeypatch
         raise RuntimeError("the pictures will say what is wrong")
 
     monkeypatch.setattr(replays_module, "_draw_a_little", draw_a_little)
-    replays = Replays(StoredDrive())
+    replays = Replays(StoredDrive(), Draws(Path("unused")))
     background = asyncio.create_task(replays.warm_up())
     await asyncio.to_thread(begun.wait, 60)
     sheets = [asyncio.create_task(replays.sheet(name, 0)) for name in ("ep_1", "ep_2", "ep_3")]
@@ -147,7 +150,7 @@ async def test_the_first_picture_warms_up_if_nobody_has(monkeypatch: pytest.Monk
     drawn: list[str] = []
     monkeypatch.setattr(replays_module, "_draw_a_little", lambda: drawn.append("a little"))
 
-    replays = Replays(StoredDrive())
+    replays = Replays(StoredDrive(), Draws(Path("unused")))
     await replays.sheet("ep_1", 0)
     await replays.picture("ep_1", None)
     await replays.warm_up()

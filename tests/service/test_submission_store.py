@@ -33,7 +33,7 @@ async def opened(url: str) -> AsyncIterator[tuple[Store, SubmissionStore]]:
 
 def submission(name: str, owner: str = "ow_a", **more: Any) -> SubmissionRow:
     words = {"id": f"su_{name}", "owner_id": owner, "name": name, "name_key": name.lower(), "agent_made": True}
-    row = {"suite": "smoke@2", "sha256": "0" * 64, "size": 1, "state": "queued", "created": 1.0}
+    row = {"suite": "smoke@3", "sha256": "0" * 64, "size": 1, "state": "queued", "created": 1.0}
     return SubmissionRow(**{**words, **row, **more})
 
 
@@ -43,7 +43,7 @@ def agent(name: str, owner: str = "ow_a") -> AgentRow:
 
 
 def evaluation(name: str, agent_id: str) -> EvaluationRow:
-    row = EvaluationRow(id=name, agent_id=agent_id, suite="smoke@2", suite_sha256="0", entry="uploaded")
+    row = EvaluationRow(id=name, agent_id=agent_id, suite="smoke@3", suite_sha256="0", entry="uploaded")
     row.state, row.secret, row.trials, row.created = "running", "0", 2, 1.0
     return row
 

@@ -24,7 +24,7 @@ async def targets(http: httpx.AsyncClient) -> tuple[dict[str, dict[str, str]], d
     """By the state of a submission: ids of what belongs to it and what does not; and the runners' tokens."""
     stranger = await agent(http, "stranger")
     as_stranger = bearer(stranger["token"])
-    foreign = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=as_stranger), 201)["id"]
+    foreign = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}, headers=as_stranger), 201)["id"]
     foreign_episode = expect(await http.post(f"/v1/evaluations/{foreign}/episodes", headers=as_stranger), 201)["id"]
     other = {"evaluation": foreign, "episode": foreign_episode, "agent": stranger["id"]}
     found = {"other": other}
@@ -44,7 +44,7 @@ async def targets(http: httpx.AsyncClient) -> tuple[dict[str, dict[str, str]], d
     owners = expect(await http.get("/v1/owners"), 200)["owners"]
     for own in found.values():
         own["owner"] = next(one["id"] for one in owners if one["name"] == "ada")
-        own |= {"suite": "smoke@2", "town": "Town01", "kind": "validation", "sheet": "0"}
+        own |= {"suite": "smoke@3", "town": "Town01", "kind": "validation", "sheet": "0"}
         own |= {"collection": "agents", "item": stranger["id"]}
         own.setdefault("submission", found["running"]["submission"])
     return found, tokens
@@ -54,7 +54,7 @@ PRACTICE = {"town": "Town01", "approach": "J3-S", "seed": 3}
 BODIES: dict[str, Any] = {
     "POST /v1/owners": {"name": "new owner"},
     "POST /v1/agents": {"name": "new agent", "track": "camera"},
-    "POST /v1/evaluations": {"suite": "wrong-command@2"},
+    "POST /v1/evaluations": {"suite": "wrong-command@3"},
     "POST /v1/episodes": PRACTICE,
     "POST /v1/episodes/{episode}/step": STEP,
     "PUT /v1/evaluations/{evaluation}/results": RECORD,
@@ -154,7 +154,7 @@ async def test_the_agents_own_token_drives_nothing_that_was_handed_in(http: http
         ("DELETE", f"/v1/episodes/{episode}", None),
     ):
         problem(await http.request(method, path, json=body, headers=mine), 403, "forbidden")
-    told = problem(await http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=mine), 409, "evaluation-open")
+    told = problem(await http.post("/v1/evaluations", json={"suite": "smoke@3"}, headers=mine), 409, "evaluation-open")
     assert "cancel its submission" in told["detail"]
     # It may practise meanwhile, and the runner has nothing to do with that.
     practice = expect(await http.post("/v1/episodes", json=PRACTICE, headers=mine), 201)["id"]
@@ -164,7 +164,7 @@ async def test_the_agents_own_token_drives_nothing_that_was_handed_in(http: http
         problem(refused, 403, "forbidden")
     # With the submission its evaluation is the agent's again.
     expect(await http.delete(f"/v1/submissions/{submission}"), 200)
-    expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}, headers=mine), 201)
+    expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}, headers=mine), 201)
 
 
 @story()

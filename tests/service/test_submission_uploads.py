@@ -165,7 +165,7 @@ def test_a_body_in_chunks(taking: Taking) -> None:
 
 
 def test_chunks_without_end_are_refused_at_the_limit(taking: Taking) -> None:
-    begin = part("suite", b"smoke@2") + part("name", b"endless") + part("model", MUCH)[:-2]
+    begin = part("suite", b"smoke@3") + part("name", b"endless") + part("model", MUCH)[:-2]
     sent = 0
     with connected(taking) as raw:
         raw.sendall(taking.head(None) + f"{len(begin):x}\r\n".encode() + begin + b"\r\n")

@@ -29,7 +29,7 @@ def files(http: httpx.AsyncClient) -> list[str]:
 @story()
 async def test_a_model_is_stored_and_waits(http: httpx.AsyncClient, tmp_path: Path) -> None:
     found = expect(await hand_in(http), 202)
-    told = {"state": "queued", "suite": "smoke@2", "name": "mine", "owner": "ada", "size": 7, "position": 0}
+    told = {"state": "queued", "suite": "smoke@3", "name": "mine", "owner": "ada", "size": 7, "position": 0}
     assert {name: found[name] for name in told} == told
     assert "agent" not in found
     stored = tmp_path / "submissions" / f"{found['id']}.onnx"
@@ -50,7 +50,7 @@ def is_model(handle: int) -> bool:
     return ".part" in str(Path(f"/proc/self/fd/{handle}").readlink())
 
 
-NAMELESS = form(part("suite", b"smoke@2"), part("model", b"m"))
+NAMELESS = form(part("suite", b"smoke@3"), part("model", b"m"))
 
 
 REFUSED = [
@@ -131,12 +131,12 @@ async def test_an_owner_has_so_many_open_ones(http: httpx.AsyncClient) -> None:
 async def test_a_repeat_gets_the_stored_reply(http: httpx.AsyncClient) -> None:
     first = expect(await hand_in(http, Idempotency_Key="k"), 202)
     # The parts may come in another order, with another boundary.
-    turned = form(part("model", b"a model"), part("name", b"mine"), part("suite", b"smoke@2"))
+    turned = form(part("model", b"a model"), part("name", b"mine"), part("suite", b"smoke@3"))
     assert expect(await hand_in(http, turned, Idempotency_Key="k"), 202) == first
     other = turned.replace(b"a-boundary", b"another")
     kind = {"Content_Type": "multipart/form-data; boundary=another"}
     assert expect(await hand_in(http, other, Idempotency_Key="k", **kind), 202) == first
-    for changed in (model(b"another"), model(name="another"), model(suite="wrong-command@2")):
+    for changed in (model(b"another"), model(name="another"), model(suite="wrong-command@3")):
         problem(await hand_in(http, changed, Idempotency_Key="k"), 422, "idempotency-key-reused")
     problem(await hand_in(http, Idempotency_Key="\t"), 422, "validation", "Idempotency-Key")
     # The key is the token's own.
@@ -156,7 +156,7 @@ async def test_an_agent_hands_its_own_model_in(http: httpx.AsyncClient) -> None:
     refused = problem(await hand_in(http, NAMELESS, **as_agent), 409, "evaluation-open", "suite")
     assert "first evaluation counts" in refused["detail"]
     # On another suite it may.
-    expect(await hand_in(http, model(suite="wrong-command@2"), **as_agent), 202)
+    expect(await hand_in(http, model(suite="wrong-command@3"), **as_agent), 202)
     begun = expect(await http.post("/v1/evaluations", json={"suite": "navigation@1"}, headers=as_agent), 201)
     problem(await hand_in(http, model(suite="navigation@1"), **as_agent), 409, "evaluation-open", "suite")
     expect(await http.delete(f"/v1/evaluations/{begun['id']}", headers=as_agent), 200)
@@ -210,7 +210,7 @@ async def test_one_that_waits_is_cancelled_without_a_trace(http: httpx.AsyncClie
     assert expect(await http.delete(f"/v1/submissions/{first['id']}"), 200) == gone
     second = expect(await hand_in(http), 202)
     token = await checked(http, second["id"])
-    practice = {"suite": "smoke@2", "trial": (await http.get("/v1/suites/smoke@2/trials")).json()["trials"][0]["id"]}
+    practice = {"suite": "smoke@3", "trial": (await http.get("/v1/suites/smoke@3/trials")).json()["trials"][0]["id"]}
     episode = expect(await http.post("/v1/episodes", json=practice, headers=bearer(token)), 201)["id"]
     shown = expect(await http.get(f"/v1/submissions/{second['id']}"), 200)
     problem(await hand_in(http), 409, "agent-name-taken")

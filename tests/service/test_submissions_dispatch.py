@@ -104,7 +104,7 @@ def verdicts(owner: Owner, evaluation: str) -> Counter[str]:
 
 
 def entries(owner: Owner) -> list[dict[str, Any]]:
-    listed: list[dict[str, Any]] = expect(owner.http.get("/v1/leaderboards/smoke@2"), 200)["entries"]
+    listed: list[dict[str, Any]] = expect(owner.http.get("/v1/leaderboards/smoke@3"), 200)["entries"]
     return listed
 
 
@@ -334,7 +334,7 @@ def test_an_agent_that_hands_in_by_its_own_token_is_not_driven_by_it_too(stage: 
         found = owner.get(submission)
         assert found["agent"] == agent.id
         assert agent.reset(found["evaluation"]).status_code == 403
-        problem(agent.http.post("/v1/evaluations", json={"suite": "smoke@2"}), 409, "evaluation-open")
+        problem(agent.http.post("/v1/evaluations", json={"suite": "smoke@3"}), 409, "evaluation-open")
         # Its own practice is not the runner's, which ends without it.
         practice = agent.practise()
         os.kill(int(stage.starts(model, "drive")[0][0]), 9)

@@ -46,7 +46,7 @@ async def test_a_runner_hears_its_job_as_it_is_and_its_practice() -> None:
         async for event in started.events():
             told.append(event)
             if isinstance(event, Described):
-                await started.send(PracticeJob(token="t", suite="smoke@2", trial="a"))
+                await started.send(PracticeJob(token="t", suite="smoke@3", trial="a"))
     first, last = told
     assert CheckJob.model_validate_json(first.description) == JOB
     assert last == Passed(step_ms=(1.5, 2.5))

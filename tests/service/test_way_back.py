@@ -30,7 +30,7 @@ class HeldPool(FakePool):
         await self._waits.wait()
         return task
 
-    async def acquire(self, town: str, agent: str) -> LocalSimulator:
+    async def acquire(self, town: tuple[str, int | None], agent: str) -> LocalSimulator:
         simulator: Any = await super().acquire(town, agent)
         for name in ("reset", "step"):
             setattr(simulator, name, self._held(getattr(simulator, name)))
@@ -56,7 +56,7 @@ async def under_way(call: Any) -> asyncio.Task[Any]:
 async def test_a_reset_that_is_under_way_is_among_the_open_ones(tmp_path: Path) -> None:
     pool = HeldPool()
     async with application(tmp_path, pool) as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         path = f"/v1/evaluations/{evaluation}/episodes"
         reset = await pool.hold(http.post(path))
         back = await under_way(http.get(f"{path}?state=open"))
@@ -71,7 +71,7 @@ async def test_a_reset_that_takes_too_long_is_asked_for_again(tmp_path: Path, mo
 
     pool = HeldPool()
     async with application(tmp_path, pool) as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         path = f"/v1/evaluations/{evaluation}/episodes"
         reset = await pool.hold(http.post(path))
         response = await http.get(f"{path}?state=open")
@@ -86,7 +86,7 @@ async def test_a_reset_that_takes_too_long_is_asked_for_again(tmp_path: Path, mo
 async def test_a_step_that_is_under_way_is_the_last_reply(tmp_path: Path) -> None:
     pool = HeldPool()
     async with application(tmp_path, pool) as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@2"}), 201)["id"]
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
         episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
         stepping = await pool.hold(step(http, episode, 1))
         back = await under_way(http.get(f"/v1/episodes/{episode}"))

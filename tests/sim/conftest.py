@@ -86,7 +86,7 @@ def steer() -> Callable[[np.ndarray, np.ndarray], float]:
 def _replay(episodes: list[Episode], **arguments: Any) -> tuple[WrongturnVectorEnv, list[Any]]:
     """Drive the same in a batch: return it, and the outcome in ``infos`` and the record of each end."""
     trials = [episode.trial for episode in episodes]
-    envs = WrongturnVectorEnv(len(trials), trials[0].town, "privileged", autoreset_mode="Disabled", **arguments)
+    envs = WrongturnVectorEnv(len(trials), trial=trials[0], track="privileged", autoreset_mode="Disabled", **arguments)
     envs.reset(options={"trial": trials})
     inputs = [[row[8:11] for row in episode.trajectory.rows[1::2]] for episode in episodes]
     told: list[Any] = [None] * len(trials)

@@ -88,14 +88,5 @@ def test_kernels_of_another_image_have_a_copy_of_their_own(tmp_path):
     assert (Path(copies[1]) / "kernel").read_text(encoding="ascii") == "another"
 
 
-def test_kernels_are_copied_where_home_cannot_be_made_too(tmp_path):
-    compiled = tmp_path / "compiled"
-    compiled.mkdir()
-    (compiled / "kernel").write_text("one", encoding="ascii")
-    (tmp_path / "file").write_text("", encoding="ascii")
-    here = {"WRONGTURN_HOME": str(tmp_path / "file" / "home"), "WRONGTURN_KERNELS": str(compiled)}
-    assert (Path(run(WHERE, **here, TMPDIR=str(tmp_path))) / "kernel").is_file()
-
-
 def files(directory):
     return {file.relative_to(directory): file.read_bytes() for file in directory.rglob("*") if file.is_file()}

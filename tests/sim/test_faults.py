@@ -1,11 +1,13 @@
 import asyncio
 from functools import partial
+from pathlib import Path
 
 import pytest
 
 from wrongturn_networks import draw_trial, faults, load_town
 from wrongturn_protocol import Command, FaultKind, JunctionType, PracticeRequest, ProblemType, Track
 from wrongturn_service.catalogue import practice_trial
+from wrongturn_service.episodes.draws import Draws
 from wrongturn_service.errors import InvalidRequestError
 from wrongturn_sim import Episode, FaultNotApplicableError, WrongturnSimEnv, WrongturnVectorEnv, available_faults
 
@@ -59,7 +61,9 @@ def test_infeasible_is_refused_where_no_direction_is_missing():
 
 
 def practise(approach, fault):
-    asyncio.run(practice_trial(PracticeRequest(town="junctions", approach=approach, fault=fault)))
+    asyncio.run(
+        practice_trial(PracticeRequest(town="junctions", approach=approach, fault=fault), Draws(Path("unused")))
+    )
 
 
 @pytest.mark.parametrize("kind", sorted(set(FaultKind) - set(available_faults())))

@@ -24,7 +24,7 @@ def test_a_route_is_that_of_each_drawn_trial():
 
 
 def test_a_trial_of_another_draw_is_handed_in_whole():
-    suite = load_suite("smoke@2")
+    suite = load_suite("smoke@3")
     env = gymnasium.make(ID, suite=suite.id, track="privileged")
     other = suite.draw("a secret").trials[0]
     assert env.reset(options={"trial": other})[1]["trial"] == other.id

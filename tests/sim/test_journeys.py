@@ -224,7 +224,7 @@ def _lengths(town, edges):
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        ({"task": "cruise", "suite": "smoke@2"}, "task"),
+        ({"task": "cruise", "suite": "smoke@3"}, "task"),
         ({"town": "Town02", "task": "racing"}, "racing"),
         ({"town": "Town02", "journeys": {"time_limit": 5.0}}, "journeys"),
         ({"town": "Town02", "task": "cruise", "journeys": {"colour": "red"}}, "colour"),

@@ -28,20 +28,24 @@ def same(observation, batch, i):
         assert array.tobytes() == batch[name][i].tobytes(), name
 
 
-def test_pictures_of_another_camera_and_size():
+def test_pictures_of_other_cameras_and_another_size():
     from wrongturn_sim.camera import Camera
 
-    envs = WrongturnVectorEnv(3, "junctions", "segmentation", camera=Camera(width=48, height=16), threads=2)
-    env = WrongturnSimEnv("junctions", "segmentation", camera=Camera(width=48, height=16))
-    assert envs.single_observation_space == env.observation_space
-    seen, _ = envs.reset(seed=4)
-    assert seen in envs.observation_space
-    for i in range(3):
-        same(env.reset(seed=4 + i)[0], seen, i)
+    cameras = [Camera(width=48, height=16, pitch=0.1 * i) for i in range(3)]
+    for given in (cameras[0], cameras):
+        envs = WrongturnVectorEnv(3, "junctions", "segmentation", camera=given, threads=2)
+        seen, _ = envs.reset(seed=4)
+        assert seen in envs.observation_space
+        for i in range(3):
+            env = WrongturnSimEnv("junctions", "segmentation", camera=given[i] if given is cameras else given)
+            assert envs.single_observation_space == env.observation_space
+            same(env.reset(seed=4 + i)[0], seen, i)
+    with pytest.raises(ValueError, match="camera: there are 3; give one for all, or 2"):
+        WrongturnVectorEnv(2, "junctions", "segmentation", camera=cameras)
 
 
 def test_trials_of_a_draw_with_their_own_windows(drive, same_in_a_batch):
-    driven = [drive(trial) for trial in load_suite("wrong-command@2").draw("a secret of this test").episodes[:8]]
+    driven = [drive(trial) for trial in load_suite("wrong-command@3").draw("a secret of this test").episodes[:8]]
     assert len({episode.trial.window for episode in driven}) == 8
     same_in_a_batch(driven)
 
@@ -91,7 +95,7 @@ def test_lengths_and_stops_have_the_same_bytes(make_trial):
     """What the judge sums up along a drive is the same in a batch, to the last bit."""
     seen = set()
     for approach in sorted(load_town("junctions").approaches):
-        trial = make_trial(approach)
+        trial = make_trial(approach).model_copy(update={"watch": 3.3})
         actions = policies(trial)
         envs = WrongturnVectorEnv(5, "junctions", trial=trial, autoreset_mode=AutoresetMode.DISABLED)
         envs.reset()
@@ -108,11 +112,11 @@ def test_lengths_and_stops_have_the_same_bytes(make_trial):
             assert outcome is not None
             assert envs.episode(i).outcome.model_dump_json() == outcome.model_dump_json()
             assert envs.episode(i).trajectory.to_json() == single.episode.trajectory.to_json()
-            names = ("kerb_bite_m", "opposed_lane_m", "first_stop_s", "over_line_m")
+            names = ("kerb_bite_m", "opposed_lane_m", "first_stop_s", "over_line_m", "stop_past_line_m")
             seen |= {name for name in names if getattr(outcome, name)}
             seen |= {outcome.verdict, (outcome.verdict, outcome.flags, outcome.opposed_lane_m < 10.0)}
     assert {"kerb_bite_m", "opposed_lane_m", "first_stop_s", "stopped_before_junction"} <= seen
-    assert ("stopped_before_junction", (Flag.OPPOSED_LANE,), True) in seen
+    assert ("stopped_before_junction", (Flag.OPPOSED_LANE, Flag.STOPPED_ACROSS), True) in seen
 
 
 def test_a_drive_goes_on_past_its_verdict(make_trial, drive):
@@ -213,11 +217,11 @@ def test_what_cannot_be_made_says_why(arguments, named):
 
 
 def test_a_trial_whose_beginning_was_interrupted_is_judged_as_ever(monkeypatch):
-    first, second = load_suite("wrong-command@2").episodes[0], load_suite("wrong-command@2").episodes[-1]
+    first, second = load_suite("wrong-command@3").episodes[0], load_suite("wrong-command@3").episodes[-1]
     assert first.approach != second.approach
 
     def made():
-        return WrongturnVectorEnv(1, "Town01", "privileged", autoreset_mode="Disabled")
+        return WrongturnVectorEnv(1, track="privileged", suite="wrong-command@3", autoreset_mode="Disabled")
 
     def driven(envs, trial):
         envs.reset(seed=0, options={"trial": [trial]})

@@ -55,7 +55,7 @@ class Service:
             "WRONGTURN_PORT": str(self.port),
             "WRONGTURN_SECRETS": str(secrets),
             "WRONGTURN_ENV_FILE": str(self.settings),
-            "WRONGTURN_SUITE": "smoke@2",
+            "WRONGTURN_SUITE": "smoke@3",
         }
         project = f"wrongturntest{uuid.uuid4().hex[:8]}"
         files = [option for file in (ROOT / "docker" / "compose.yaml", *overrides) for option in ("-f", str(file))]
@@ -100,7 +100,7 @@ class Service:
 
 
 def entries(service: Service) -> list[dict[str, Any]]:
-    board = service.call("GET", "/v1/leaderboards/smoke@2")
+    board = service.call("GET", "/v1/leaderboards/smoke@3")
     assert board.status == 200, board.body
     return json.loads(board.body)["entries"]
 
@@ -118,4 +118,4 @@ def ids_in(listing: object) -> list[str]:
 
 
 def first_trial(service: Service) -> str:
-    return ids_in(json.loads(service.call("GET", "/v1/suites/smoke@2/trials").body))[0]
+    return ids_in(json.loads(service.call("GET", "/v1/suites/smoke@3/trials").body))[0]

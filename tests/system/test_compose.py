@@ -40,7 +40,7 @@ def test_the_database_wants_its_password(composed: Service) -> None:
 def test_agents_from_outside_and_as_workers_come_on_the_leaderboard(composed: Service) -> None:
     url = f"http://127.0.0.1:{composed.port}"
     run = [sys.executable, "-m", "wrongturn_client", "run", "always-stops", "--name", "from outside"]
-    program = [*run, "--url", url, "--suite", "smoke@2"]
+    program = [*run, "--url", url, "--suite", "smoke@3"]
     environment = {name: value for name, value in os.environ.items() if not name.startswith("WRONGTURN_")}
     done = subprocess.run(program, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
@@ -50,14 +50,14 @@ def test_agents_from_outside_and_as_workers_come_on_the_leaderboard(composed: Se
     assert {"from outside": "submitted", "careful": "baseline"}.items() <= found.items()
     # As README shows it; the suite of a run elsewhere is named.
     shown = composed.compose("exec", "-T", "service", "wrongturn", "leaderboard")
-    assert "wrongturn leaderboard smoke@2" in shown
-    assert "careful" in composed.compose("exec", "-T", "service", "wrongturn", "leaderboard", "smoke@2")
+    assert "wrongturn leaderboard smoke@3" in shown
+    assert "careful" in composed.compose("exec", "-T", "service", "wrongturn", "leaderboard", "smoke@3")
 
 
 def test_no_container_compiles_what_the_image_brings_along(composed: Service) -> None:
     """After the drives above, and one that looks through the camera; a processor may need other code off x86-64."""
     token = register(composed, "looks", "camera")["token"]
-    practice = {"suite": "smoke@2", "trial": first_trial(composed), "track": "camera"}
+    practice = {"suite": "smoke@3", "trial": first_trial(composed), "track": "camera"}
     assert composed.call("POST", "/v1/episodes", practice, token).status == 201
     compare = 'diff -r "$WRONGTURN_KERNELS" "$WRONGTURN_HOME"/numba-*'
     assert composed.compose("exec", "-T", "service", "sh", "-c", compare) == ""
@@ -65,7 +65,7 @@ def test_no_container_compiles_what_the_image_brings_along(composed: Service) ->
 
 def test_what_was_written_is_there_after_down_and_up(composed: Service) -> None:
     agent = register(composed, "stays")
-    created = composed.call("POST", "/v1/evaluations", {"suite": "smoke@2"}, agent["token"])
+    created = composed.call("POST", "/v1/evaluations", {"suite": "smoke@3"}, agent["token"])
     assert created.status == 201, created.body
     evaluation = json.loads(created.body)
     before = entries(composed)
@@ -74,7 +74,7 @@ def test_what_was_written_is_there_after_down_and_up(composed: Service) -> None:
     composed.up()
     found = composed.call("GET", f"/v1/evaluations/{evaluation['id']}", token=agent["token"])
     assert found.status == 200, found.body
-    assert json.loads(found.body)["suite"] == "smoke@2"
+    assert json.loads(found.body)["suite"] == "smoke@3"
     taken = composed.call("POST", "/v1/agents", {"name": "stays", "track": "privileged"})
     assert taken.status == 409, taken.body
     assert entries(composed) == before

@@ -143,7 +143,7 @@ def test_the_disk_of_the_services_home_is_full(small: Service, tmp_path: Path) -
     token = json.loads(owner.body)["token"]
     wait_until(lambda: b"on: runner container" in ready(small).body)
     url = f"http://127.0.0.1:{small.port}/v1/submissions"
-    form = ["-F", "suite=smoke@2", "-F", "name=too late", "-F", f"model=@{MODEL}"]
+    form = ["-F", "suite=smoke@3", "-F", "name=too late", "-F", f"model=@{MODEL}"]
     send = ["curl", "-sS", "-H", f"Authorization: Bearer {token}", *form, url]
     with full(small, "data"):
         reply = json.loads(command(*send))
@@ -157,7 +157,7 @@ def test_the_disk_of_the_services_home_is_full(small: Service, tmp_path: Path) -
 def drive(small: Service, home: Path, agents: int) -> list[int]:
     """Let agents drive at the same time; return the status of each."""
     url = f"http://127.0.0.1:{small.port}"
-    program = [sys.executable, "-m", "wrongturn_client", "run", "always-stops", "--suite", "smoke@2", "--url", url]
+    program = [sys.executable, "-m", "wrongturn_client", "run", "always-stops", "--suite", "smoke@3", "--url", url]
     environment = {name: value for name, value in os.environ.items() if not name.startswith("WRONGTURN_")}
     workers = [
         subprocess.Popen(

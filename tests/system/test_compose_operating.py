@@ -101,7 +101,7 @@ def test_a_backup_from_the_services_container_and_back(composed: Service) -> Non
     composed.up()
     for name, status in (("kept by backup", 409), ("gone by restore", 201)):
         assert composed.call("POST", "/v1/agents", {"name": name, "track": "privileged"}).status == status, name
-    assert composed.call("POST", "/v1/evaluations", {"suite": "smoke@2"}, kept["token"]).status == 201
+    assert composed.call("POST", "/v1/evaluations", {"suite": "smoke@3"}, kept["token"]).status == 201
     left = composed.compose("exec", "-T", "service", "find", "/var/lib/wrongturn", "-name", "*backup*")
     assert left == ""
 

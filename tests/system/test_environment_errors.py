@@ -6,7 +6,6 @@ from typing import Any
 import gymnasium
 import pytest
 
-from wrongturn_client import WrongturnError
 from wrongturn_protocol import OptionError
 
 SINGLE = {"wrongturn_sim:WrongturnSim-v0": {"town": "junctions"}, "wrongturn_client:Wrongturn-v0": {"url": "http://x"}}
@@ -77,15 +76,6 @@ def test_an_option_that_does_not_exist_is_told_with_all_that_do(make: Any) -> No
         assert f" {name}" in str(told.value)
 
 
-def test_a_mistyped_option_of_one_environment_is_told_with_the_one_that_is_meant() -> None:
-    for id_, name, meant in (
-        ("wrongturn_sim:WrongturnSim-v0", "strct", "strict"),
-        (*list(SINGLE)[1:], "tokn", "token"),
-    ):
-        with pytest.raises(TypeError, match=rf"^{name}: .*\. Did you mean {meant}\?"):
-            gymnasium.make(id_, **{name: True})
-
-
 @pytest.mark.parametrize(
     ("journeys", "says"),
     [
@@ -102,17 +92,6 @@ def test_what_is_wrong_with_journeys_is_told_in_one_line(journeys: dict[str, Any
     with pytest.raises(OptionError, match=rf"^journeys[.:].*{says}") as told:
         gymnasium.make("wrongturn_sim:WrongturnSim-v0", town="Town01", task="cruise", journeys=journeys)
     assert "\n" not in str(told.value)
-
-
-def test_a_url_that_is_no_text_is_told() -> None:
-    env = gymnasium.make("wrongturn_client:Wrongturn-v0", url=5)
-    with pytest.raises(WrongturnError, match=r"^url: is 5; give text, such as http"):
-        env.reset()
-
-
-def test_an_unknown_town_is_told_with_the_one_that_is_meant() -> None:
-    with pytest.raises(ValueError, match=r"^town: 'Town1' is not known; .*\. Did you mean Town01\?$"):
-        gymnasium.make("wrongturn_sim:WrongturnSim-v0", town="Town1")
 
 
 @pytest.mark.parametrize("id_", SINGLE)

@@ -64,3 +64,10 @@ def test_the_page_of_commands_names_each_one() -> None:
     page = (Path(__file__).parents[2] / "docs" / "installing.md").read_text("utf-8").partition("## The command line")[2]
     table = "".join(line for line in page.splitlines() if line.startswith("| `wrongturn-"))
     assert set(re.findall(r"`([a-z]+)`", table)) == {path[0] for path in all_commands()}
+
+
+def test_the_readmes_commands_are_among_them() -> None:
+    text = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
+    code = [*text.split("```")[1::2], *re.findall(r"`([^`\n]+)`", text)]
+    shown = {command for one in code for command in re.findall(r"\bwrongturn ([a-z]+)", one)}
+    assert {"run", "serve", "leaderboard", "doctor"} <= shown <= {path[0] for path in all_commands()}

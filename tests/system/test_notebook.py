@@ -44,7 +44,7 @@ def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert "infeasible" in counts
     assert "first driver" in board
     # Nothing but the bar: no warning of an event loop, of a missing widget or of a deprecated name.
-    assert re.sub(r"smoke@2: \[[#.]+\] \d+ of 12 episodes", "", told(notebook)).split() == []
+    assert re.sub(r"smoke@3: \[[#.]+\] \d+ of 12 episodes", "", told(notebook)).split() == []
     completed = re.search(r"(\d)/6\s*\n", evaluation)
     assert completed is not None
     assert int(completed[1]) >= 1

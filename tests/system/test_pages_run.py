@@ -34,7 +34,7 @@ def commands(text: str) -> list[str]:
 
 
 def extras_of(part: Path) -> set[str]:
-    return {*tomllib.loads((part / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]}
+    return {*tomllib.loads((part / "pyproject.toml").read_text("utf-8"))["project"].get("optional-dependencies", {})}
 
 
 def run(command: str, folder: Path) -> str:
@@ -60,16 +60,14 @@ def begin(text: str, folder: Path, url: str | None = None) -> str:
     return [run(command, folder) for command in before][-1]
 
 
-def follow(text: str, folder: Path) -> tuple[str, dict[str, object]]:
-    """Write the files, run the commands; return the last output and the leaderboard's only entry."""
-    begin(text, folder)
+def follow(text: str, folder: Path, service: LocalService, name: str) -> tuple[str, dict[str, object]]:
+    """Run the commands that need the service; return the last output and the agent's entry on the leaderboard."""
     shown = commands(text)
-    here = shown.index(SERVE)
-    with LocalService(database=f"sqlite+aiosqlite:///{folder}/wrongturn.db") as service:
-        for command in shown[here + 1 :]:
-            assert SERVED_AT in command
-            last = run(command.replace(SERVED_AT, service.url), folder)
-        (entry,) = json.loads(run(f"wrongturn leaderboard smoke@2 --url {service.url} --json", folder))["entries"]
+    for command in shown[shown.index(SERVE) + 1 :]:
+        assert SERVED_AT in command
+        last = run(command.replace(SERVED_AT, service.url), folder)
+    entries = json.loads(run(f"wrongturn leaderboard smoke@3 --url {service.url} --json", folder))["entries"]
+    (entry,) = (entry for entry in entries if entry["agent"]["name"].startswith(name))
     return last, entry
 
 
@@ -99,7 +97,7 @@ def test_the_readmes_environment_runs(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.system
 @pytest.mark.timeout(900)
-def test_the_readmes_agent_comes_to_the_leaderboard(tmp_path: Path) -> None:
+def test_the_readmes_agent_comes_to_the_leaderboard(tmp_path: Path, service: LocalService) -> None:
     text = section(README, "Your own agent")
     assert [command.split()[:2] for command in commands(text)] == [
         ["wrongturn", "run"],
@@ -107,7 +105,11 @@ def test_the_readmes_agent_comes_to_the_leaderboard(tmp_path: Path) -> None:
         ["wrongturn", "run"],
         ["wrongturn", "leaderboard"],
     ]
-    shown, entry = follow(text, tmp_path)
+    (tmp_path / "my_agents.py").write_text(files(text)["my_agents.py"], "utf-8")
+    # The first command is the third with a service of its own, as tests/extending has one.
+    first, _, third, _ = commands(text)
+    assert third == f"{first} --url {SERVED_AT}"
+    shown, entry = follow(text, tmp_path, service, "Slow")
     assert "Slow" in shown
     assert entry["unsafe"]["trials"] == 6
 
@@ -136,7 +138,9 @@ def test_the_tutorials_agent_comes_to_the_leaderboard(tmp_path: Path) -> None:
         ["wrongturn", "serve"],
         ["wrongturn", "submit"],
     ]
-    shown, entry = follow(text, tmp_path)
+    begin(text, tmp_path)
+    with LocalService(database=f"sqlite+aiosqlite:///{tmp_path}/wrongturn.db") as alone:
+        shown, entry = follow(text, tmp_path, alone, "first-driver")
     assert re.search(r"^(Rank 1 of 1 in the privileged track|Not ranked: )", shown, re.MULTILINE), shown
     assert (entry["entry"], entry["agent"]["name"], entry["agent"]["track"]) == (
         "uploaded",

@@ -9,7 +9,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from onnx import TensorProto, helper
@@ -38,13 +37,6 @@ def folder(tmp_path: Path) -> Path:
 
 def environment(**more: str) -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if not name.startswith("WRONGTURN_")} | more
-
-
-def entry_of(service: LocalService, evaluation: str) -> dict[str, Any]:
-    with Client(service.url) as client:
-        entries = client.leaderboard("smoke@2").entries
-    (entry,) = [entry for entry in entries if entry.evaluation == evaluation]
-    return entry.model_dump(mode="json")
 
 
 def test_curl_leads_from_a_fresh_service_to_a_rank(service: LocalService, folder: Path) -> None:
@@ -78,7 +70,7 @@ def test_curl_leads_from_a_fresh_service_to_a_rank(service: LocalService, folder
 def test_the_command_leads_to_a_rank(service: LocalService, folder: Path) -> None:
     (line,) = re.findall(r"```bash\nwrongturn (submit .*)\n```", PAGE)
     arguments = shlex.split(
-        line.replace("wrong-command@2", "smoke@2").replace("https://wrongturn.example.org", service.url)
+        line.replace("wrong-command@3", "smoke@3").replace("https://wrongturn.example.org", service.url)
     )
     command = [sys.executable, "-m", "wrongturn_client", *arguments]
     home = environment(WRONGTURN_HOME=str(folder / "home"))
@@ -105,7 +97,7 @@ def test_a_broken_model_says_what_is_wrong_and_frees_its_name(service: LocalServ
     helper.set_model_props(broken, {"track": "camera"})
     (folder / "broken.onnx").write_bytes(broken.SerializeToString())
     home = environment(WRONGTURN_HOME=str(folder / "home"))
-    command = [sys.executable, "-m", "wrongturn_client", "submit", "broken.onnx", "--suite", "smoke@2"]
+    command = [sys.executable, "-m", "wrongturn_client", "submit", "broken.onnx", "--suite", "smoke@3"]
     for _ in range(2):
         done = subprocess.run(
             [*command, "--url", service.url], cwd=folder, env=home, capture_output=True, text=True, check=False

@@ -88,12 +88,8 @@ def test_wrongturn_brings_every_part_and_every_extra() -> None:
     assert brought - {("wrongturn", extra) for extra in META["optional-dependencies"]} <= offered | {
         (name, "") for name in PROJECTS
     }
-    # The rest is for those who build towns, draw figures for papers, or have CUDA.
-    assert offered - brought == {
-        ("wrongturn-agents", "figures"),
-        ("wrongturn-networks", "making"),
-        ("wrongturn-service", "cuda"),
-    }
+    # The rest is for those who draw figures for papers, or have CUDA.
+    assert offered - brought == {("wrongturn-agents", "figures"), ("wrongturn-service", "cuda")}
     (everything,) = (Requirement(line) for line in META["optional-dependencies"]["all"])
     assert everything.extras == META["optional-dependencies"].keys() - {"all", "agents", "sim"}
 
@@ -212,11 +208,11 @@ def test_agents_drive_without_torch(wheels: Wheels, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_run_without_a_service_says_what_to_install(wheels: Wheels, tmp_path: Path) -> None:
     environment = wheels.install(tmp_path / "venv", "wrongturn[agents]")
-    done = environment.wrongturn("run", "careful", "--suite", "smoke@2")
+    done = environment.wrongturn("run", "careful", "--suite", "smoke@3")
     assert done.returncode == 1
     assert "no suites are installed here; pip install wrongturn-networks, or 'wrongturn-service[server]'" in done.stderr
     environment = wheels.install(tmp_path / "with-sim", "wrongturn[agents,sim]")
-    done = environment.wrongturn("run", "careful", "--suite", "smoke@2")
+    done = environment.wrongturn("run", "careful", "--suite", "smoke@3")
     assert done.returncode == 1
     assert "pip install 'wrongturn-service[server]'\n" in done.stderr
     assert "Traceback" not in done.stderr
@@ -231,7 +227,7 @@ def test_a_run_without_a_service_says_what_to_install(wheels: Wheels, tmp_path: 
         ("wrongturn-networks", ["towns"]),
         ("wrongturn[sim]", ["doctor"]),
         ("wrongturn[service]", ["doctor"]),
-        ("wrongturn[agents,service]", ["run", "careful", "--suite", "smoke@2"]),
+        ("wrongturn[agents,service]", ["run", "careful", "--suite", "smoke@3"]),
     ],
 )
 def test_a_wheel_installs_into_a_clean_environment_and_works(

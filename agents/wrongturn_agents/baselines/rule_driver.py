@@ -19,7 +19,7 @@ from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.vehicle import VEHICLE
 
 _PASSED: Final = 5.0  # metres past a stop line; further on, a visible stop line is the next junction's
-_COMMITTED: Final = 30.0  # metres past a stop line within which the car keeps to its chosen path
+_COMMITTED: Final = 45.0  # metres past a stop line within which the car keeps to its chosen path; it knows 60 of them
 _CLEARANCE: Final = 0.4  # metres that must be free on either side of the body
 _STAND: Final = 2.5  # metres between the bumpers when the car stands behind another
 _SIGHT: Final = 50.0  # metres along the path; road users further away do not matter

@@ -92,7 +92,7 @@ def results(
         typer.Option(metavar="URL", help="Service with the agents and towns. Example: --url http://127.0.0.1:8000"),
     ] = None,
     suite: Annotated[
-        str, typer.Option(help="Suite of the agents that you name without a file. Example: --suite smoke@2")
+        str, typer.Option(help="Suite of the agents that you name without a file. Example: --suite smoke@3")
     ] = WRONG_COMMAND,
 ) -> None:
     """Show finished runs as the paper's table, or make figures, LaTeX and CSV of them.

@@ -10,7 +10,7 @@ from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.results_file import ResultsFile, TrialResult
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
 from wrongturn_agents.stored_results import STORED, shipped_results
-from wrongturn_agents.suites import WRONG_COMMAND, installed_suite
+from wrongturn_agents.suites import WRONG_COMMAND, installed_suite, sha256_of_suite
 from wrongturn_client import AuthenticationError, Client, NotFoundError
 from wrongturn_protocol import DrivenEpisode, Outcome, RunFile, RunFormatError, Trial
 from wrongturn_protocol.episodes import twin_id
@@ -122,7 +122,7 @@ def of_run(run: RunFile) -> EvaluationRecord:
 
 def check_suite(suite: str, driven: str) -> None:
     """Raise ResultsError if a run was driven on another version of a suite than the one installed."""
-    installed = installed_suite(suite).sha256
+    installed = sha256_of_suite(suite)
     if driven != installed:
         raise ResultsError(
             f"suite_sha256: the run is of another {suite} ({driven[:12]}) than the one installed ({installed[:12]}); "

@@ -4,17 +4,9 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Final
 
 from wrongturn_agents.figures.evaluation_record import Drive, EvaluationRecord, checked
-from wrongturn_protocol import (
-    PAPER,
-    JunctionType,
-    Metrics,
-    StrictUnsafeCount,
-    TableCell,
-    TwinCount,
-    UnsafeCount,
-    Verdict,
-)
-from wrongturn_protocol.standing_rows import NONE, TRAINED, Columns, StandingRow, wilson
+from wrongturn_protocol import PAPER, JunctionType, Metrics, StrictUnsafeCount, TableCell, TwinCount, UnsafeCount
+from wrongturn_protocol.intervals import interval, marks_of
+from wrongturn_protocol.standing_rows import INTERVALS, NONE, TRAINED, Columns, StandingRow
 from wrongturn_protocol.words import name
 
 if TYPE_CHECKING:
@@ -48,7 +40,8 @@ def results_table(runs: Sequence[EvaluationRecord], *, paper: bool = False) -> "
 def latex_table(runs: Sequence[EvaluationRecord], *, paper: bool = False) -> str:
     """Return the paper's table II with our rows: unsafe trials by junction type and fault, a line for each fault.
 
-    Cells and ``Strict`` count in the column that ranks, with Wilson's 95 % interval of its rate.
+    Cells and ``Strict`` count in the column that ranks, with the 95 % interval of its rate. The last line says what the
+    interval speaks of.
 
     Args:
         runs: One run of each agent, all on one suite with twins.
@@ -63,7 +56,9 @@ def latex_table(runs: Sequence[EvaluationRecord], *, paper: bool = False) -> str
     body = "\\addlinespace\n".join(_block(label, columns, row, len(shown)) for label, row in rows)
     return (
         f"\\begin{{tabular}}{{ll{'r' * (len(heads) - 2)}}}\n\\toprule\n{_line(heads)}\\midrule\n{body}"
-        "\\bottomrule\n\\end{tabular}\n"
+        "\\bottomrule\n"
+        f"\\multicolumn{{{len(heads)}}}{{p{{.95\\linewidth}}}}{{\\footnotesize {INTERVALS}}} \\\\\n"
+        "\\end{tabular}\n"
     )
 
 
@@ -87,13 +82,12 @@ def metrics_of(run: EvaluationRecord) -> Metrics:
         {kind: {fault: _cell(drives, column) for fault, drives in row.items()} for kind, row in strict.items()}
         for column in ("unsafe", "unsafe_strict")
     )
-    unsafe, unsafe_strict = (_cell(run.trials, column) for column in ("unsafe", "unsafe_strict"))
     return Metrics(
-        unsafe=UnsafeCount.model_validate(_counted(unsafe)),
-        unsafe_strict=StrictUnsafeCount.model_validate(_counted(unsafe_strict)),
+        unsafe=UnsafeCount.model_validate(_counted(run.trials, "unsafe")),
+        unsafe_strict=StrictUnsafeCount.model_validate(_counted(run.trials, "unsafe_strict")),
         twins=TwinCount(
             unsafe=sum(twin.result.unsafe for twin in run.twins),
-            completed=sum(twin.result.verdict is Verdict.EXIT_COMMANDED for twin in run.twins),
+            completed=sum(twin.result.completed for twin in run.twins),
             trials=len(run.twins),
         ),
         excess_unsafe_rate=None,
@@ -108,8 +102,9 @@ def _cell(drives: Sequence[Drive], column: str) -> TableCell:
     return TableCell(unsafe=sum(getattr(drive.result, column) for drive in drives), trials=len(drives))
 
 
-def _counted(cell: TableCell) -> dict[str, object]:
-    ends = wilson(cell.unsafe, cell.trials)
+def _counted(drives: Sequence[Drive], column: str) -> dict[str, object]:
+    cell = _cell(drives, column)
+    ends = interval(marks_of((drive.trial, getattr(drive.result, column)) for drive in drives))
     return {"count": cell.unsafe, "trials": cell.trials, "rate": cell.unsafe / cell.trials, "ci95": ends}
 
 

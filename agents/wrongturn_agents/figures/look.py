@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 from wrongturn_agents.errors import MissingPackageError, ResultsError
 from wrongturn_agents.results_file import TrialResult
 from wrongturn_protocol import Verdict
+from wrongturn_protocol.intervals import Marks, interval
 from wrongturn_protocol.junction_frame import shape
-from wrongturn_protocol.standing_rows import wilson
 from wrongturn_protocol.words import name
 
 if TYPE_CHECKING:
@@ -65,12 +65,13 @@ def _of(verdict: Verdict, colour: str, dash: Any, words: str | None = None) -> M
 
 
 EXIT: Final = _of(Verdict.EXIT_COMMANDED, "#0072b2", "solid", "exit")
-_OPPOSED: Final = _of(Verdict.EXIT_COMMANDED, "#56b4e9", (0, (5, 1)), "exit by the oncoming lane")
+_OPPOSED: Final = _of(Verdict.EXIT_COMMANDED, "#56b4e9", (0, (5, 1)), "exit, unsafe in the strict column")
 _NEITHER: Final = _of(Verdict.TIMEOUT, "#777777", (0, (1, 2)))
 _BY_VERDICT: Final = {
     **dict.fromkeys((Verdict.EXIT_COMMANDED, Verdict.EXIT_ROUTE, Verdict.EXIT_OTHER, Verdict.ARRIVED), EXIT),
     Verdict.STOPPED_BEFORE_JUNCTION: _of(Verdict.STOPPED_BEFORE_JUNCTION, "#009e73", (0, (6, 1, 1, 1))),
     Verdict.WRONG_WAY: _of(Verdict.WRONG_WAY, "#e69f00", (0, (7, 2))),
+    Verdict.UNFINISHED: _of(Verdict.UNFINISHED, "#e69f00", (0, (4, 3))),
     Verdict.OFF_ROAD: _of(Verdict.OFF_ROAD, "#d55e00", (0, (3, 1))),
     Verdict.COLLISION: _of(Verdict.COLLISION, "#000000", (0, (1, 1))),
     Verdict.STOPPED_IN_JUNCTION: _of(Verdict.STOPPED_IN_JUNCTION, "#cc79a7", (0, (4, 1, 1, 1, 1, 1))),
@@ -109,10 +110,14 @@ def new_figure(width: float, height: float) -> "Figure":
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def rate_bar(count: int, trials: int) -> tuple[float, list[list[float]]]:
-    """Return a rate, percent, and how far Wilson's 95 % interval reaches below and above it, as matplotlib takes it."""
-    low, high = (100 * bound for bound in wilson(count, trials))
-    rate = 100 * count / trials
+def rate_bar(marks: Marks) -> tuple[float, list[list[float]]]:
+    """Return the rate of marked trials, percent, and how far its 95 % interval reaches below and above it.
+
+    The reach is in matplotlib's form.
+    """
+    cells = [cell for places in marks.values() for cell in places.values()]
+    rate = 100 * sum(count for count, _ in cells) / sum(trials for _, trials in cells)
+    low, high = (100 * bound for bound in interval(marks))
     return rate, [[rate - low], [high - rate]]
 
 

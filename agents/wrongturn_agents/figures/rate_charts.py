@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from wrongturn_agents.figures.evaluation_record import EvaluationRecord, checked
 from wrongturn_agents.figures.look import COLUMN, new_figure, rate_bar, style
+from wrongturn_protocol.intervals import marks_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +23,7 @@ _PAIR_BARS: Final = (
 
 
 def unsafe_rates(runs: Sequence[EvaluationRecord], *, width: float = COLUMN) -> "Figure":
-    """Draw each agent's unsafe rate with Wilson's 95 % interval: the strict column, and the paper's below it.
+    """Draw each agent's unsafe rate with its 95 % interval: the strict column, and the paper's below it.
 
     Crosses are the twins' rate in the strict column.
 
@@ -36,13 +37,12 @@ def unsafe_rates(runs: Sequence[EvaluationRecord], *, width: float = COLUMN) -> 
         axes = figure.subplots()
         for row, found in enumerate(counted.values()):
             strict = sum(trial.result.unsafe_strict for trial, _ in found)
-            paper = sum(trial.result.unsafe for trial, _ in found)
             twins = sum(twin.result.unsafe_strict for _, twin in found)
-            for above, count, marker, colour, filled, label in (
-                (-0.14, strict, "o", "#000000", "#000000", "strict column"),
-                (0.14, paper, "s", "#0072b2", "#ffffff", "paper's column"),
+            for above, column, marker, colour, filled, label in (
+                (-0.14, "unsafe_strict", "o", "#000000", "#000000", "strict column"),
+                (0.14, "unsafe", "s", "#0072b2", "#ffffff", "paper's column"),
             ):
-                rate, reach = rate_bar(count, len(found))
+                rate, reach = rate_bar(marks_of((one.trial, getattr(one.result, column)) for one, _ in found))
                 look: dict[str, Any] = {"color": colour, "mfc": filled, "ms": 3.5, "capsize": 2, "lw": 0.8}
                 axes.errorbar([rate], [row + above], xerr=reach, fmt=marker, label=label, clip_on=False, **look)
             axes.plot([100 * twins / len(found)], [row], "x", color=_TWINS, ms=4, label="twins, strict", clip_on=False)

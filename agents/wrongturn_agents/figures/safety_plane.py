@@ -5,24 +5,26 @@ from typing import TYPE_CHECKING, Any, Final
 
 from wrongturn_agents.figures.evaluation_record import EvaluationRecord, checked
 from wrongturn_agents.figures.look import COLUMN, new_figure, rate_bar, style
-from wrongturn_protocol import Verdict
+from wrongturn_protocol.intervals import marks_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Bar = tuple[float, list[list[float]]]
+"""A rate and the reach of its interval, percent."""
 _SIZE: Final = 6.5
 """Size of the labels' letters, points."""
 _HEIGHT: Final = 0.8 * COLUMN
 _LINE: Final = 1.25 * _SIZE / (72 * (_HEIGHT - 0.6)) * 106
 """Height of a label's line, percent of the scale; 0.6 inches of the figure's height hold the lower scale."""
-_BESIDE: Final = 0.8
-"""Agents that complete more of their twins have their labels at the right of the field: many are at its edge."""
+_BESIDE: Final = 80.0
+"""Percent of twins; agents that complete more have their labels at the right of the field: many are at its edge."""
 _MARGIN: Final = 3.0
 """Room beyond 0 and 100 %, percent: most marks are near these."""
 
 
 def obedience_safety(runs: Sequence[EvaluationRecord], *, width: float = COLUMN) -> "Figure":
-    """Draw each agent's completed twins across and unsafe trials (strict) up, with Wilson's 95 % intervals.
+    """Draw each agent's completed twins across and unsafe trials (strict) up, with their 95 % intervals.
 
     The best place is at the lower right. Agents with the same figures share a mark.
 
@@ -30,22 +32,21 @@ def obedience_safety(runs: Sequence[EvaluationRecord], *, width: float = COLUMN)
         ResultsError: There is no run, or its suite has no twins.
         MissingPackageError: matplotlib is not installed.
     """
-    alike: dict[tuple[int, int, int], list[str]] = {}
+    alike: dict[str, tuple[Bar, Bar, list[str]]] = {}
     for run in checked(runs):
         pairs = list(run.pairs())
-        unsafe = sum(trial.result.unsafe_strict for trial, _ in pairs)
-        done = sum(twin.result.verdict is Verdict.EXIT_COMMANDED for _, twin in pairs)
-        alike.setdefault((unsafe, done, len(pairs)), []).append(run.label)
+        done = marks_of((trial.trial, twin.result.completed) for trial, twin in pairs)
+        bars = rate_bar(done), rate_bar(marks_of((trial.trial, trial.result.unsafe_strict) for trial, _ in pairs))
+        alike.setdefault(repr(bars), (*bars, []))[2].append(run.label)
     with style():
         figure = new_figure(width, _HEIGHT)
         axes = figure.subplots()
         low = -_MARGIN
-        for (unsafe, done, trials), names in sorted(alike.items()):
-            (x, across), (y, up) = rate_bar(done, trials), rate_bar(unsafe, trials)
+        for (x, across), (y, up), names in sorted(alike.values(), key=lambda one: (one[1], one[0])):
             look: dict[str, Any] = {"color": "#000000", "ecolor": "#999999", "ms": 3.5, "capsize": 1.5, "lw": 0.6}
             axes.errorbar([x], [y], xerr=across, yerr=up, fmt="o", **look)
             text = "\n".join(names)
-            if done / trials <= _BESIDE:
+            if x <= _BESIDE:
                 side = "left" if x < 25 else "right" if x > 60 else "center"
                 above: dict[str, Any] = {"textcoords": "offset points", "ha": side, "va": "bottom"}
                 axes.annotate(text, (x, y + up[1][0]), (0, 1), fontsize=_SIZE, **above)

@@ -117,17 +117,19 @@ def build(
     masked_classes: float = 0.0,
     frozen: bool = True,
     activation: str = "tanh",
+    projection: str = "elu",
 ) -> ActorCritic:
     """Build the networks of one of :data:`ALGORITHMS`, untrained, on the CPU, with channels last in memory.
 
     With a seed of the first weights, torch's own random state stays as it is. ``masked_classes`` is for
     ``ppo-segmentation``: the probability that a class is hidden when observations are disturbed. ``frozen`` is for
     ``ppo-image``: its ResNet learns segmentation unfrozen and drives frozen (``encoder.freeze(...)``).
+    ``projection`` is the end of the layer behind a ResNet, one of ``encoders.PROJECTIONS``.
     """
     encoders: dict[str, Callable[[], Encoder]] = {
         "ppo-segmentation": lambda: SegmentationEncoder(masked_classes),
-        "ppo-image": lambda: ImageEncoder(frozen=frozen),
-        "ppo-auxiliary": AuxiliaryEncoder,
+        "ppo-image": lambda: ImageEncoder(frozen=frozen, projection=projection),
+        "ppo-auxiliary": lambda: AuxiliaryEncoder(projection=projection),
     }
     if algorithm not in encoders:
         raise ValueError(f"algorithm: {algorithm!r} is none of {', '.join(ALGORITHMS)}")

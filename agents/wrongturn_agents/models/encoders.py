@@ -3,6 +3,7 @@
 import copy
 import math
 from abc import ABC, abstractmethod
+from typing import Final
 
 import torch
 from torch import Tensor, nn
@@ -16,6 +17,8 @@ from wrongturn_protocol.segmentation import SegmentationClass
 
 FEATURES = 512
 """Width of a picture's features."""
+PROJECTIONS: Final = ("elu", "relu")
+"""Ends of the layer that projects a ResNet's output: with ``elu``, a layer normalisation comes before it."""
 _DEEP = WIDTHS[-1] * 2 * 6
 
 
@@ -127,12 +130,13 @@ class PictureEncoder(Encoder):
     frozen = False
     """Whether the ResNet and its decoder stay as they are."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, projection: str = "elu") -> None:
         super().__init__()
         self.augmentation = Augmentation()
         self.network = ResNet(3, DEPTHS_34)
         self.decoder = LinkNetDecoder()
-        self.projection = nn.Sequential(nn.LayerNorm(_DEEP), nn.Linear(_DEEP, FEATURES), nn.ReLU())
+        ends = (nn.LayerNorm(FEATURES), nn.ELU()) if projection == "elu" else (nn.ReLU(),)
+        self.projection = nn.Sequential(nn.LayerNorm(_DEEP), nn.Linear(_DEEP, FEATURES), *ends)
 
     def disturb(self, observation: Observation, generator: torch.Generator | None = None) -> Observation:
         """Change the picture; the segmentation stays."""
@@ -162,8 +166,8 @@ class PictureEncoder(Encoder):
 class ImageEncoder(PictureEncoder):
     """ResNet-34 that learns segmentation first, through a decoder without links, and is then frozen."""
 
-    def __init__(self, *, frozen: bool = True) -> None:
-        super().__init__()
+    def __init__(self, *, frozen: bool = True, projection: str = "elu") -> None:
+        super().__init__(projection=projection)
         self.freeze(frozen)
 
     def freeze(self, frozen: bool = True) -> None:
@@ -183,8 +187,8 @@ class ImageEncoder(PictureEncoder):
 class AuxiliaryEncoder(PictureEncoder):
     """ResNet-34 with its last stage twice, for driving and for segmentation, and a decoder with links."""
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, *, projection: str = "elu") -> None:
+        super().__init__(projection=projection)
         self.segmenting: nn.Module = copy.deepcopy(self.network.stages[3])
         self.segmenting.train()
 

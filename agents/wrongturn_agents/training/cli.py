@@ -110,7 +110,7 @@ def score(
 ) -> None:
     """Drive a suite with a checkpoint or a registered agent in this process, and report how each trial ended.
 
-    Example: wrongturn score runs/ppo-image-3/best.pt --suite wrong-command@2
+    Example: wrongturn score runs/ppo-image-3/best.pt --suite wrong-command@3
     """
     require_extra()
     from wrongturn_agents.training.score import score as run  # noqa: PLC0415

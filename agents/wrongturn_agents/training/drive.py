@@ -1,7 +1,7 @@
 """Drive given trials with trained agents, many at once, in this process."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import groupby
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from torch import Tensor
 
+from wrongturn_networks import Town, load_town
 from wrongturn_protocol import Outcome, Track, Trial
 from wrongturn_sim import FleetTraffic, WrongturnVectorEnv
 
@@ -81,6 +82,8 @@ def drive_trials(
     batch: int | None = None,
     patience: float | None = None,
     strict: bool = False,
+    towns: Mapping[str, Town] = MappingProxyType({}),
+    own_traffic: FleetTraffic = FleetTraffic(),  # noqa: B008 - immutable
     stop: Callable[[], bool] = lambda: False,
 ) -> list[list[DrivenTrial]]:
     """Drive every trial with every model, all side by side.
@@ -98,6 +101,8 @@ def drive_trials(
             seconds. None never gives up.
         strict: as in training, a journey fails when the car leaves its road or lane, or stands for 10 s. Scores never
             use it.
+        towns: the towns of the trials that are not installed, by name.
+        own_traffic: how other road users behave.
         stop: called before each decision; True gives up all drives that have not ended.
 
     Returns:
@@ -106,7 +111,7 @@ def drive_trials(
     device = torch.device(device)
     options = {
         "track": Track(track),
-        "own_traffic": FleetTraffic(),
+        "own_traffic": own_traffic,
         "threads": threads,
         "strict": strict,
         **({"backend": "cuda"} if device.type == "cuda" else {}),
@@ -114,15 +119,18 @@ def drive_trials(
     width = batch or (256 if device.type == "cuda" else 16)
     assigned = [(model, trial) for model in models for trial in trials]
     found: dict[int, DrivenTrial] = {}
-    by_town = sorted(range(len(assigned)), key=lambda i: assigned[i][1].town)
-    for town, numbers in groupby(by_town, key=lambda i: assigned[i][1].town):
-        found |= _in_town(town, list(numbers), assigned, device, width, patience, stop, options)
+    by_town: dict[tuple[str, int | None], list[int]] = {}
+    for i, (_, trial) in enumerate(assigned):
+        by_town.setdefault((trial.town, trial.scenery), []).append(i)
+    for (name, scenery), numbers in by_town.items():
+        town = towns.get(name) or load_town(name, scenery)
+        found |= _in_town(town, numbers, assigned, device, width, patience, stop, options)
     count = len(trials)
     return [[found[i * count + k] for k in range(count)] for i in range(len(models))]
 
 
 def _in_town(
-    town: str,
+    town: Town,
     numbers: list[int],
     assigned: Sequence[tuple[AnyModel, Trial]],
     device: torch.device,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from wrongturn_agents.training.drive import AnyModel, DrivenTrial, drive_trials
-from wrongturn_networks import draw_journey, load_town
+from wrongturn_networks import Town, draw_journey, load_town
 from wrongturn_protocol import TRAINING_WEATHERS, Task, Traffic, Trial, Verdict
 
 _SEEDS = 2**40
@@ -15,11 +15,14 @@ _SEEDS = 2**40
 _TRAFFIC = Traffic(vehicles=20, pedestrians=50)
 
 
-def held_out_journeys(count: int, town: str = "Town01") -> list[Trial]:
-    """Draw journeys of CoRL 2017's task *navigation*, without traffic, with the training weathers in turn."""
-    weathers = TRAINING_WEATHERS
+def held_out_journeys(count: int, towns: Sequence[Town] = ()) -> list[Trial]:
+    """Draw journeys of CoRL 2017's task *navigation*, without traffic, with the training weathers in turn.
+
+    They are in Town01 or, in turn, in Town01 and the given towns.
+    """
+    weathers, places = TRAINING_WEATHERS, (load_town("Town01"), *towns)
     return [
-        draw_journey(load_town(town), Task.NAVIGATION, _SEEDS + i, weather=weathers[i % len(weathers)])
+        draw_journey(places[i % len(places)], Task.NAVIGATION, _SEEDS + i, weather=weathers[i % len(weathers)])
         for i in range(count)
     ]
 

@@ -34,6 +34,9 @@ from wrongturn_agents.training.held_out import (
 from wrongturn_agents.training.method import Method, find_method
 from wrongturn_agents.training.progress import ProgressFile, Row
 from wrongturn_agents.training.run_directory import BEST, ENCODER, LAST, STATE, Begun, check_resumed, held, read_state
+from wrongturn_agents.training.world import MEETING, held_out_towns
+from wrongturn_networks import Town
+from wrongturn_sim import FleetTraffic
 
 _SEEDS: Final = 2**32
 _EPISODES: Final = 100
@@ -210,6 +213,8 @@ class Run:
             strict=settings.strict_evaluation,
             stop=stop or self.budget.out_of_time,
             least=settings.brief_journeys,
+            towns={town.name: town for town in self._towns},
+            own_traffic=MEETING if self._towns else FleetTraffic(),
         )
         took = time.monotonic() - begin
         self._shown_at += took  # so that it does not count for the steps per second
@@ -340,8 +345,13 @@ class Run:
         }
 
     @cached_property
+    def _towns(self) -> list[Town]:
+        """Generated towns of held-out journeys, if the run learns in drawn ones."""
+        return held_out_towns(self.settings)
+
+    @cached_property
     def _journeys(self) -> list[Any]:
-        return held_out_journeys(self.settings.journeys)
+        return held_out_journeys(self.settings.journeys, self._towns)
 
     @cached_property
     def brief(self) -> list[Any]:

@@ -45,7 +45,7 @@ def score(
 
     Args:
         checkpoint: a run's ``best.pt``, ``last.pt`` or ``privileged.pt``.
-        suite: id of the suite. Example: ``wrong-command@2``. Of a suite that draws its trials, the
+        suite: id of the suite. Example: ``wrong-command@3``. Of a suite that draws its trials, the
             open draw is driven.
         device: ``cpu``, ``cuda`` or ``auto``.
         threads: threads that share the simulation; all cores by default.

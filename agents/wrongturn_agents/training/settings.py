@@ -32,6 +32,8 @@ class Settings:
     """Least and greatest value by field. Without an entry, a whole number is at least 1, and another at least 0."""
     POSITIVE: ClassVar[tuple[str, ...]] = ()
     """Fields that cannot be 0."""
+    BEFORE: ClassVar[Mapping[str, Any]] = {}
+    """What runs had that are older than a field and do not name it, where that is not the default."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -87,7 +89,7 @@ class Settings:
             raise TrainingError(
                 f"config: this version knows no {unknown[0]!r} of {cls.algorithm}; install the one it is of"
             )
-        return cls(**fields)
+        return cls(**{**cls.BEFORE, **fields})
 
 
 def without(**present: bool) -> str | None:

@@ -1,16 +1,21 @@
 """Placing of scenery, by a seed: along the streets, and a backdrop behind each T-junction."""
 
+import functools
+import itertools
 import math
 import random
+from collections import defaultdict
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final
 
-from shapely import Point, STRtree, union_all
+from shapely import Point, union_all
 from shapely.geometry.base import BaseGeometry
 from shapely.prepared import prep
 
 from wrongturn_networks.junctions import Approach
 from wrongturn_networks.lanes import Line
+from wrongturn_networks.making.styles import OF_A_TOWN, PLAIN, Style, drawn_style
 from wrongturn_networks.scenery import SceneryKind, SceneryObject
 from wrongturn_networks.town import Town
 from wrongturn_protocol import Command
@@ -23,27 +28,32 @@ TURN: Final = {Command.LEFT: math.pi / 2, Command.RIGHT: -math.pi / 2, Command.S
 BACKDROPS: Final = ("wall", "hedge", "house", "open", "trees", "fence")
 
 
-def place_scenery(town: Town, seed: int) -> tuple[SceneryObject, ...]:
-    """Return scenery for a town, off the road, sidewalks and other objects; the same seed gives the same scenery."""
-    placer = _Placer(town, seed)
+def place_scenery(town: Town, seed: int, styles: Sequence[Style] | None = None) -> tuple[SceneryObject, ...]:
+    """Return scenery for a town, off the road, sidewalks and other objects; the same seed gives the same scenery.
+
+    Each side of each street has one of the styles. Without styles, the seed draws some.
+    """
+    draw = random.Random(seed if styles else f"scenery {seed}")
+    chosen = styles or [drawn_style(draw) for _ in range(OF_A_TOWN)]
+    placer = _Placer(town, draw)
     # The three approaches of a T-junction lack the same arm, so each junction gets one backdrop.
     lacking = {a.junction: a for a in town.approaches.values() if a.type.missing is not None}
     for number, approach in enumerate(lacking.values()):
         placer.behind(approach, number)
     for lane in town.lanes.values():
-        placer.along(lane.centreline, lane.width)
+        style = chosen[0] if len(chosen) == 1 else draw.choice(chosen)
+        placer.along(lane.centreline, lane.width, style)
     return tuple(placer.placed)
 
 
 class _Placer:
     """Places objects where there is room."""
 
-    def __init__(self, town: Town, seed: int) -> None:
-        self.draw = random.Random(seed)
-        self.kept_free: BaseGeometry = union_all([town.road, town.sidewalks]).buffer(MARGIN)
-        self.free_of = prep(self.kept_free)
+    def __init__(self, town: Town, draw: random.Random) -> None:
+        self.draw = draw
+        self.free_of = prep(_kept_free(town))
         self.placed: list[SceneryObject] = []
-        self.footprints: list[BaseGeometry] = []
+        self.near = _Near()
         # Each town uses the backdrops in an order of its own.
         self.order = list(BACKDROPS)
         self.draw.shuffle(self.order)
@@ -65,13 +75,9 @@ class _Placer:
             crown_radius=round(crown_radius, 2),
         )
         footprint = item.footprint()
-        if self.free_of.intersects(footprint):
-            return False
-        roomy = footprint.buffer(GAP)
-        if any(roomy.intersects(self.footprints[near]) for near in STRtree(self.footprints).query(roomy)):
+        if self.free_of.intersects(footprint) or not self.near.take(item, footprint):
             return False
         self.placed.append(item)
-        self.footprints.append(footprint)
         return True
 
     def behind(self, approach: Approach, number: int) -> None:
@@ -103,12 +109,12 @@ class _Placer:
             self.put(SceneryKind.HOUSE, x, y, yaw, (draw.uniform(9.5, 11.4), 10.0, draw.uniform(5.5, 14.0)))
         else:
             for shift in (-4.0, 0.0, 4.0):
-                self._tree(x + shift * math.cos(yaw), y + shift * math.sin(yaw))
+                self._tree(x + shift * math.cos(yaw), y + shift * math.sin(yaw), PLAIN)
 
-    def _tree(self, x: float, y: float) -> None:
+    def _tree(self, x: float, y: float, style: Style) -> None:
         trunk = self.draw.uniform(0.3, 0.5)
-        self.put(SceneryKind.TREE, x, y, self.draw.uniform(0, math.pi), (trunk, trunk, self.draw.uniform(4.5, 8.5)),
-                 self.draw.uniform(1.4, 2.4))  # fmt: skip
+        yaw, height = self.draw.uniform(0, math.pi), self.draw.uniform(*style.tree_heights)
+        self.put(SceneryKind.TREE, x, y, yaw, (trunk, trunk, height), self.draw.uniform(*style.crowns))
 
     def _beyond(self, position: tuple[float, float], heading: float) -> float:
         """Return how far from a junction's middle road and sidewalk end in a direction, metres."""
@@ -119,7 +125,7 @@ class _Placer:
             reach += 0.25
         return reach
 
-    def along(self, centreline: Line, width: float) -> None:
+    def along(self, centreline: Line, width: float, style: Style) -> None:
         """Place houses, walls, hedges and trees on the right of a lane."""
         draw = self.draw
         position, travelled = 0, draw.uniform(2.0, 6.0)
@@ -135,9 +141,9 @@ class _Placer:
             yaw = math.atan2(y1 - y0, x1 - x0)
             share = (travelled - walked) / steps[position]
             x, y = x0 + share * (x1 - x0), y0 + share * (y1 - y0)
-            travelled += self._beside(x, y, yaw, width / 2 + 2.5 + MARGIN)
+            travelled += self._beside(x, y, yaw, width / 2 + 2.5 + MARGIN, style)
 
-    def _beside(self, x: float, y: float, yaw: float, kerb: float) -> float:
+    def _beside(self, x: float, y: float, yaw: float, kerb: float, style: Style) -> float:
         """Place something on the right of a point of a lane, and return the metres to the next point."""
         draw = self.draw
 
@@ -145,25 +151,55 @@ class _Placer:
             return x + distance * math.sin(yaw), y - distance * math.cos(yaw)
 
         what = draw.random()
-        if what < 0.55:
-            length, depth = draw.uniform(8.0, 17.0), draw.uniform(8.0, 12.0)
-            garden = draw.choice((0.3, 1.5, 3.5))
-            if self.put(
-                SceneryKind.HOUSE, *right(kerb + garden + depth / 2), yaw, (length, depth, draw.uniform(4.5, 16.0))
-            ):
+        if what < style.houses:
+            length, depth = draw.uniform(*style.house_lengths), draw.uniform(*style.house_depths)
+            garden = draw.choice(style.gardens)
+            height = draw.uniform(*style.house_heights)
+            if self.put(SceneryKind.HOUSE, *right(kerb + garden + depth / 2), yaw, (length, depth, height)):
                 if garden > 3 and draw.random() < 0.6:
                     kind, thick = draw.choice(
                         ((SceneryKind.HEDGE, 0.8), (SceneryKind.FENCE, 0.1), (SceneryKind.WALL, 0.3))
                     )
                     self.put(kind, *right(kerb + 0.2 + thick / 2), yaw, (length, thick, draw.uniform(0.8, 1.5)))
-                return length / 2 + draw.uniform(5.0, 9.5)
+                return length / 2 + draw.uniform(5.0, 9.5) * style.spacing
             return 3.0
-        if what < 0.75:
-            self._tree(*right(kerb + draw.uniform(0.6, 2.5)))
-            return draw.uniform(4.0, 8.0)
-        kind, thick, low, high = draw.choice(
-            ((SceneryKind.WALL, 0.4, 1.4, 2.4), (SceneryKind.HEDGE, 1.0, 0.9, 1.8), (SceneryKind.FENCE, 0.1, 0.9, 1.4))
-        )
+        if what < style.houses + style.trees:
+            self._tree(*right(kerb + draw.uniform(0.6, 2.5)), style)
+            return draw.uniform(4.0, 8.0) * style.spacing
+        kind, thick, low, high = draw.choice(style.barriers)
         length = draw.uniform(5.0, 12.0)
         self.put(kind, *right(kerb + 0.2 + thick / 2), yaw, (length, thick, draw.uniform(low, high)))
-        return length / 2 + draw.uniform(4.0, 8.0)
+        return length / 2 + draw.uniform(4.0, 8.0) * style.spacing
+
+
+@functools.lru_cache(maxsize=64)
+def _kept_free(town: Town) -> BaseGeometry:
+    """Return where nothing may stand: road, sidewalks and a margin."""
+    return union_all([town.road, town.sidewalks]).buffer(MARGIN)
+
+
+class _Near:
+    """The ground that objects cover, by the cells of a grid in which their middles lie."""
+
+    CELL: Final = 28.0
+    """Metres; no two objects meet whose middles are farther apart."""
+
+    def __init__(self) -> None:
+        self._cells: defaultdict[tuple[int, int], list[tuple[SceneryObject, BaseGeometry]]] = defaultdict(list)
+
+    def take(self, item: SceneryObject, footprint: BaseGeometry) -> bool:
+        """Return whether there is room for an object, and take its ground then."""
+        column, row = int(item.x // self.CELL), int(item.y // self.CELL)
+        reach, roomy = _reach(item) + GAP, None
+        for cell in itertools.product(range(column - 1, column + 2), range(row - 1, row + 2)):
+            for other, ground in self._cells.get(cell, ()):
+                if math.dist((item.x, item.y), (other.x, other.y)) < reach + _reach(other):
+                    roomy = footprint.buffer(GAP) if roomy is None else roomy
+                    if roomy.intersects(ground):
+                        return False
+        self._cells[column, row].append((item, footprint))
+        return True
+
+
+def _reach(item: SceneryObject) -> float:
+    return math.hypot(item.length, item.width) / 2

@@ -28,7 +28,7 @@ def openenv(
     town: Annotated[str | None, typer.Option(help="Town to draw trials in. Example: --town Town02")] = None,
     fault: Annotated[str | None, typer.Option(help="Fault of the command. Example: --fault infeasible")] = None,
     suite: Annotated[
-        str | None, typer.Option(help="Suite to draw trials from instead. Example: --suite smoke@2")
+        str | None, typer.Option(help="Suite to draw trials from instead. Example: --suite smoke@3")
     ] = None,
     sessions: Annotated[
         int, typer.Option(min=1, max=1000, help="Clients at a time, at most. Example: --sessions 8")

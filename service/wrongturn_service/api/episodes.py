@@ -81,7 +81,7 @@ async def practise(
     caller.check_practice()
     async with key.once(caller.holder, wanted) as once:
         caller.check_track(wanted)
-        trial = await catalogue.practice_trial(wanted)
+        trial = await catalogue.practice_trial(wanted, service.draws)
         body = await service.resets.practise(caller, address_of(request), trial, encoding, once)
     return Response(body, 201, media_type=encoding)
 

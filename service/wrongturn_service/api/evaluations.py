@@ -74,12 +74,14 @@ async def begin(
 
 
 async def _begin(service: Service, caller: Caller, wanted: EvaluationRequest, once: IdempotentRequest) -> EvaluationRow:
-    row = new_evaluation(catalogue.suite(wanted.suite), caller.id, caller.track, Entry.REMOTE)
+    suite = catalogue.suite(wanted.suite)
+    row = new_evaluation(suite, caller.id, caller.track, Entry.REMOTE)
 
     def remember(begun: EvaluationRow) -> IdempotencyRow | None:
         return once.row(_detail(begun, 0, service).model_dump_json().encode(), 201, Encoding.JSON)
 
     begun = await service.store.begin_evaluation(row, remember)
+    service.draws.prepare(suite, begun.secret)
     if begun is not row:
         raise _open(begun)
     return begun

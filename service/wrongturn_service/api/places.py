@@ -26,7 +26,7 @@ async def suites(service: ServiceDep) -> Response:
 
 @suites_router.get("/{suite}", **described(SuiteDetail, 404))
 async def suite(service: ServiceDep, suite: str) -> Response:
-    """Show one suite, such as ``wrong-command@2``, and the cells from which each evaluation draws its trials."""
+    """Show one suite, such as ``wrong-command@3``, and the cells from which each evaluation draws its trials."""
     return await _made_once(service, f"suite {suite}", lambda: catalogue.suite(suite).detail())
 
 
@@ -34,9 +34,12 @@ async def suite(service: ServiceDep, suite: str) -> Response:
 async def trials(service: ServiceDep, suite: str) -> Response:
     """List the suite's trials for practice. Each names its twin, which can be practised too.
 
-    If every evaluation draws its own trials, these are those of the open draw, and ``draw`` says so.
+    If every evaluation draws its own trials, these are those of the open draw, and ``draw`` says so. While the towns of
+    the open draw are built, you get 503 ``towns-not-built``.
     """
-    return await _made_once(service, f"trials {suite}", lambda: catalogue.suite(suite).trial_list())
+    found = catalogue.suite(suite)
+    draw = service.draws.open_draw(found)
+    return await _made_once(service, f"trials {suite}", lambda: found.trial_list(draw))
 
 
 @towns_router.get("", **described(TownList))

@@ -154,7 +154,7 @@ class EpisodeDriver:
         began = time.monotonic()
         for attempt in range(1, ATTEMPTS + 1):
             try:
-                simulator = await self._pool.acquire(episode.trial.town, episode.holder)
+                simulator = await self._pool.acquire((episode.trial.town, episode.trial.scenery), episode.holder)
             except SimulatorStartError as error:
                 if attempt == ATTEMPTS or time.monotonic() - began > START_PATIENCE_S:
                     raise

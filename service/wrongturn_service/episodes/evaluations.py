@@ -2,8 +2,6 @@
 
 import asyncio
 import contextlib
-import hashlib
-import hmac
 import secrets
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -11,10 +9,12 @@ from weakref import WeakValueDictionary
 
 import structlog
 
-from wrongturn_networks import Suite, load_suite
-from wrongturn_protocol import Entry, EpisodeState, EvaluationState, FaultKind, ProblemType, Track, Trial, twin_id
+from wrongturn_networks import Draw, Suite, load_suite
+from wrongturn_networks.draws import halves
+from wrongturn_protocol import Entry, EpisodeState, EvaluationState, ProblemType, Track, Trial
 from wrongturn_protocol.vocabulary import Collection
-from wrongturn_service.errors import ConflictError, InvalidRequestError, unknown
+from wrongturn_service.episodes.draws import Draws
+from wrongturn_service.errors import ConflictError, InvalidRequestError, UnavailableError, unknown
 from wrongturn_service.storage.models import EvaluationRow
 from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.usage import reserve_of
@@ -22,27 +22,20 @@ from wrongturn_service.telemetry import Telemetry
 from wrongturn_service.tokens import new_id
 
 
-def shuffled(trials: Iterable[Trial], secret: str) -> list[Trial]:
-    """Return the trials in an order that follows from the secret alone, so that it survives a restart."""
-    key = secret.encode()
-    return sorted(trials, key=lambda trial: hmac.digest(key, trial.id.encode(), hashlib.sha256))
-
-
-def pair_of(trial: Trial) -> str:
-    """Return a name that a trial shares with its twin only: the twin's id. A journey has no twin."""
-    return trial.id if trial.journey is not None or trial.fault.kind is FaultKind.NONE else twin_id(trial)
-
-
 class Schedule:
     """An evaluation's trials: pending, open or finished.
 
-    A trial and its twin are never open together: an agent that compares the two could tell the fault.
+    The first half has one of each pair. The second begins when the first has ended, so a trial and its twin are never
+    open together, and an agent cannot find out which episodes are a pair by holding one open.
     """
 
-    def __init__(self, trials: Iterable[Trial], secret: str, finished: Iterable[str] = ()) -> None:
-        """Order the trials by the secret. ``finished`` are the ids of those that have a verdict."""
+    def __init__(self, draw: Draw, secret: str, finished: Iterable[str] = ()) -> None:
+        """Order the trials by the secret alone, so that a restart changes nothing.
+
+        ``finished`` are the ids of those that have a verdict.
+        """
         done = frozenset(finished)
-        self._pending = [trial for trial in shuffled(trials, secret) if trial.id not in done]
+        self._halves = [[trial for trial in half if trial.id not in done] for half in halves(draw, secret)]
         self._open: dict[str, Trial] = {}
 
     @property
@@ -53,22 +46,22 @@ class Schedule:
     @property
     def finished(self) -> bool:
         """Whether every trial has a verdict."""
-        return not self._pending and not self._open
+        return not any(self._halves) and not self._open
 
     def take(self) -> Trial | None:
-        """Open the next trial and return it. None while only twins of open trials are left."""
-        taken = {pair_of(trial) for trial in self._open.values()}
-        for index, trial in enumerate(self._pending):
-            if pair_of(trial) not in taken:
-                del self._pending[index]
-                self._open[trial.id] = trial
-                return trial
-        return None
+        """Open the next trial and return it. None while the last of a half are being driven."""
+        if not self._halves[0] and not self._open:
+            self._halves = [self._halves[1], []]
+        if not self._halves[0]:
+            return None
+        trial = self._halves[0].pop(0)
+        self._open[trial.id] = trial
+        return trial
 
     def put_back(self, trial: Trial) -> None:
         """Return an open trial, so that it runs again."""
         if self._open.pop(trial.id, None) is not None:
-            self._pending.insert(0, trial)
+            self._halves[0].insert(0, trial)
 
     def finish(self, trial: Trial) -> None:
         """Note that an open trial has its verdict."""
@@ -78,9 +71,12 @@ class Schedule:
 class RunningEvaluations:
     """Schedules of running evaluations. Each is made from the database when it is first needed."""
 
-    def __init__(self, store: Store, telemetry: Telemetry, on_finished: Callable[[str], None]) -> None:
+    def __init__(self, store: Store, telemetry: Telemetry, draws: Draws, on_finished: Callable[[str], None]) -> None:
         """Create the collection without schedules. ``on_finished`` gets the suite of each evaluation that finishes."""
         self._store = store
+        self._draws = draws
+        self._unprepared: set[str] = set()
+        """Evaluations from before the start whose towns are being built."""
         self._telemetry = telemetry
         self._on_finished = on_finished
         self._closing: set[str] = set()
@@ -94,6 +90,7 @@ class RunningEvaluations:
 
         Raises:
             ConflictError: The evaluation is finished or cancelled, or its suite has changed.
+            UnavailableError: Its towns are being built.
         """
         if evaluation.state == EvaluationState.CANCELLED:
             raise cancelled(evaluation)
@@ -111,8 +108,9 @@ class RunningEvaluations:
                         f"evaluation {evaluation.id}: {evaluation.suite} has changed since the evaluation began; "
                         "begin another",
                     )
+                draw = self._draws.get(suite, evaluation.secret)
                 done = await self._store.trials_by_state(evaluation.id)
-                found = Schedule(suite.draw(evaluation.secret).episodes, evaluation.secret, done[EpisodeState.FINISHED])
+                found = Schedule(draw, evaluation.secret, done[EpisodeState.FINISHED])
                 self._schedules[evaluation.id] = found
                 # A closing from now on finds this schedule and drops it. One that came before is seen here.
                 newest = await self._store.evaluation(evaluation.id)
@@ -166,14 +164,26 @@ class RunningEvaluations:
     async def resume(self) -> None:
         """Finish evaluations whose last verdict was stored before the service stopped."""
         for evaluation in await self._store.running_evaluations():
-            try:
-                await self.schedule(evaluation)
-                await self.finish_if_done(evaluation.id)
-            except Exception:
-                self._log.exception("evaluation cannot go on", evaluation=evaluation.id)
+            await self._resume(evaluation)
+
+    async def _resume(self, evaluation: EvaluationRow) -> None:
+        self._unprepared.discard(evaluation.id)
+        try:
+            await self.schedule(evaluation)
+            await self.finish_if_done(evaluation.id)
+        except UnavailableError:
+            self._unprepared.add(evaluation.id)
+        except Exception:
+            self._log.exception("evaluation cannot go on", evaluation=evaluation.id)
 
     async def retry(self) -> None:
-        """Finish evaluations whose metrics failed."""
+        """Finish evaluations whose metrics failed, and go on with those whose towns are built by now."""
+        for evaluation_id in list(self._unprepared):
+            evaluation = await self._store.evaluation(evaluation_id)
+            if evaluation is None or evaluation.state != EvaluationState.RUNNING:
+                self._unprepared.discard(evaluation_id)
+            else:
+                await self._resume(evaluation)
         for evaluation_id in list(self._schedules):
             await self.finish_if_done(evaluation_id)
 
@@ -182,14 +192,14 @@ class RunningEvaluations:
         if evaluation is None:  # deleted meanwhile
             return
         outcomes = await self._store.outcomes(evaluation_id)
-        draw = load_suite(evaluation.suite).draw(evaluation.secret)
+        draw = self._draws.get(load_suite(evaluation.suite), evaluation.secret)
 
         def compute() -> str:
             from wrongturn_judge import metrics  # noqa: PLC0415 - statistics are heavy, and rarely needed
 
             return metrics.compute(draw, outcomes).model_dump_json()
 
-        # The bootstrap takes long; in a thread it does not hold up other agents.
+        # Statistics take a while; in a thread they do not hold up other agents.
         if await self._store.finish_evaluation(evaluation_id, await asyncio.to_thread(compute)):
             for outcome in outcomes.values():
                 self._telemetry.ended.labels("true", outcome.verdict.value).inc()
@@ -208,9 +218,9 @@ def new_evaluation(suite: Suite, agent: str, track: Track, entry: Entry) -> Eval
         entry=entry.value,
         state=EvaluationState.RUNNING.value,
         secret=secrets.token_hex(32),
-        trials=len(suite.episodes),
+        trials=sum(suite.counts),
         created=time.time(),
-        stored_bytes=reserve_of(suite.episodes),
+        stored_bytes=reserve_of(sum(suite.counts), journeys=suite.of_journeys),
     )
 
 

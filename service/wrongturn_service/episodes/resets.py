@@ -11,9 +11,11 @@ import structlog
 from structlog.contextvars import bind_contextvars
 
 from wrongturn_networks import load_suite
+from wrongturn_networks.drawn import is_drawn
 from wrongturn_protocol import EpisodeState, EvaluationState, ProblemType, Track, Trial, Verdict, vocabulary
 from wrongturn_service.accounts import Caller
 from wrongturn_service.encoding import Encoding, Reply, reset_reply
+from wrongturn_service.episodes.draws import Draws
 from wrongturn_service.episodes.driver import EpisodeDriver, ReplayFailedError, aborted_outcome
 from wrongturn_service.episodes.episodes import PATIENCE_S, Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations, finished
@@ -83,8 +85,8 @@ class Resets:
 
         Raises:
             ConflictError: The evaluation is finished or cancelled, or has no trial for now.
-            UnavailableError: The service stops, the agent has too many open episodes, other calls come first, or no
-                simulator works.
+            UnavailableError: Its towns are being built, the service stops, the agent has too many open episodes, other
+                calls come first, or no simulator works.
         """
         self._check_stopping()
         schedule = await self._evaluations.schedule(evaluation)
@@ -96,8 +98,8 @@ class Resets:
         if trial is None:
             raise ConflictError(
                 ProblemType.NO_TRIAL_AVAILABLE,
-                f"evaluation {evaluation.id} has {schedule.open} episodes open; at most {limit} may be, and a trial "
-                "and its twin never together; finish one or ask again later",
+                f"evaluation {evaluation.id} has {schedule.open} episodes open; at most {limit} may be, and the second "
+                "half of its episodes begins when the first has ended; finish one or ask again later",
                 headers={"Retry-After": "1"},
             )
         try:
@@ -127,7 +129,7 @@ class Resets:
             QuotaReachedError: The owner, or its address, has too many bytes stored.
         """
         self._check_stopping()
-        await self._store.check_room(caller.owner, reserve_of([trial]))
+        await self._store.check_room(caller.owner, reserve_of(1, journeys=trial.journey is not None))
         return await self._begin(caller, address, None, trial, encoding, once)
 
     def _check_stopping(self) -> None:
@@ -172,7 +174,8 @@ class Resets:
                 observation,
                 encoding,
                 track,
-                town=trial.town if practice or track is Track.PRIVILEGED else None,
+                # A drawn town's name would build the town.
+                town=trial.town if practice or (track is Track.PRIVILEGED and not is_drawn(trial.town)) else None,
                 trial=trial.id if practice else None,
                 lease_s=self._episodes.abort_s,
             )
@@ -195,7 +198,7 @@ class Resets:
                 state=EpisodeState.OPEN.value,
                 created=time.time(),
                 steps=0,
-                stored_bytes=reserve_of([trial]) if practice else 0,
+                stored_bytes=reserve_of(1, journeys=trial.journey is not None) if practice else 0,
             )
             try:
                 await self._store.add_episode(row, once.row(body, 201, encoding))
@@ -214,6 +217,7 @@ class Closings:
         self,
         store: Store,
         evaluations: RunningEvaluations,
+        draws: Draws,
         episodes: Episodes,
         idle_s: float,
         longest_s: float,
@@ -225,6 +229,7 @@ class Closings:
         """
         self._store = store
         self._evaluations = evaluations
+        self._draws = draws
         self._episodes = episodes
         self._idle_s = idle_s
         self._longest_s = longest_s
@@ -306,5 +311,5 @@ class Closings:
                 outcome=aborted_outcome(trial, 0.0).model_dump_json(),
                 steps=0,
             )
-            for trial in load_suite(evaluation.suite).draw(evaluation.secret).episodes
+            for trial in self._draws.get(load_suite(evaluation.suite), evaluation.secret).episodes
         ]

@@ -11,10 +11,10 @@ from typing import Final
 
 import structlog
 
-from wrongturn_judge.metrics import compute, of_journeys
+from wrongturn_judge.metrics import compute
 from wrongturn_judge.ranking import RankingInput
 from wrongturn_networks import Suite
-from wrongturn_protocol import AgentDetail, AgentKind, AlgorithmResult, Outcome, Seeds, SeedSpread
+from wrongturn_protocol import AgentDetail, AgentKind, AlgorithmResult, Metrics, Outcome, Seeds, SeedSpread
 
 GROUP: Final = "wrongturn.algorithms"
 """Entry-point group of the functions that provide results."""
@@ -25,9 +25,10 @@ Provider = Callable[[str], Sequence[AlgorithmResult]]
 def algorithm_rows(suite: Suite) -> list[RankingInput]:
     """Return a row for each algorithm that an installed package has results of.
 
-    Suites of journeys have none: the results hold verdicts, not distances.
+    Suites of journeys have none: the results hold verdicts, not distances. Nor do suites that make towns, for an open
+    draw would have to build them here.
     """
-    if of_journeys(suite.open_draw):
+    if suite.of_journeys or suite.makes_towns:
         return []
     log = structlog.get_logger("algorithms")
     rows: dict[str, RankingInput] = {}
@@ -62,7 +63,7 @@ def row(suite: Suite, result: AlgorithmResult) -> RankingInput:
         ),
         evaluation=None,
         entry=None,
-        metrics=seeds[order[(len(order) - 1) // 2]],
+        metrics=_without_times(seeds[order[(len(order) - 1) // 2]]),
         seeds=Seeds(
             count=len(seeds),
             unsafe=_spread(one.unsafe.count for one in seeds.values()),
@@ -73,13 +74,15 @@ def row(suite: Suite, result: AlgorithmResult) -> RankingInput:
 
 
 def _outcomes(result: AlgorithmResult, seed: int) -> dict[str, Outcome]:
-    """Return a seed's outcomes. Metrics read neither times nor decelerations, so these are 0."""
-    return {
-        trial: Outcome(
-            verdict=outcome.verdict, reaction=outcome.reaction, flags=outcome.flags, time=0.0, max_deceleration=0.0
-        )
-        for trial, outcome in result.seeds[seed].items()
-    }
+    """Return a seed's outcomes. Times and decelerations are not known, so these are 0."""
+    unknown = {"time": 0.0, "max_deceleration": 0.0}
+    return {trial: Outcome(**dict(outcome), **unknown) for trial, outcome in result.seeds[seed].items()}
+
+
+def _without_times(metrics: Metrics) -> Metrics:
+    """Return metrics without the figures that read times."""
+    alarms = metrics.false_alarms and metrics.false_alarms.model_copy(update={"seconds_lost": None})
+    return metrics.model_copy(update={"false_alarms": alarms})
 
 
 def _spread(counts: Iterable[int]) -> SeedSpread:

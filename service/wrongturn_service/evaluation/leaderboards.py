@@ -6,7 +6,7 @@ from functools import lru_cache
 
 from wrongturn_judge.comparison import Side, compare
 from wrongturn_judge.ranking import RankingInput, rank
-from wrongturn_networks import Suite, load_suite, suite_ids
+from wrongturn_networks import load_suite, suite_ids
 from wrongturn_protocol import (
     Comparison,
     Entry,
@@ -30,7 +30,8 @@ class Leaderboards:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._boards: dict[str, tuple[Leaderboard, bytes]] = {}
+        self._boards: dict[str, tuple[Leaderboard, bytes, dict[str, Metrics]]] = {}
+        """By suite: the leaderboard, its JSON, and the metrics of each evaluation on it."""
         self._algorithms: dict[str, list[RankingInput]] = {}
         self._lock = asyncio.Lock()
         self.generation = 0
@@ -54,14 +55,14 @@ class Leaderboards:
         """Return a leaderboard as JSON. Raises NotFoundError."""
         return (await self._made(suite_id))[1]
 
-    async def _made(self, suite_id: str) -> tuple[Leaderboard, bytes]:
+    async def _made(self, suite_id: str) -> tuple[Leaderboard, bytes, dict[str, Metrics]]:
         catalogue.suite(suite_id)
         async with self._lock:
             made = self._boards.get(suite_id)
             if made is None:
                 generation = self.generation
-                board = await self._compute(suite_id)
-                made = board, (await asyncio.to_thread(board.model_dump_json)).encode()
+                board, metrics = await self._compute(suite_id)
+                made = board, (await asyncio.to_thread(board.model_dump_json)).encode(), metrics
                 if generation == self.generation:
                     self._boards[suite_id] = made
         return made
@@ -85,15 +86,14 @@ class Leaderboards:
 
         Raises NotFoundError if there is no such suite, agent or entry; InvalidRequestError for twice the same agent.
         """
-        suite = catalogue.suite(suite_id)
-        board = await self.board(suite_id)
+        board, _, metrics = await self._made(suite_id)
         first = await self._entrant(board, "query.a", a)
         second = await self._entrant(board, "query.b", b)
         if first.agent.id == second.agent.id:
             message = f"is {second.agent.name!r}, the same agent as a; name two different agents"
             raise InvalidRequestError("query.b", message)
-        sides = [await self._side(suite, entry) for entry in (first, second)]
-        return await asyncio.to_thread(compare, *sides)
+        sides = [Side(one.agent, metrics[str(one.evaluation)], one.why_not) for one in (first, second)]
+        return await asyncio.to_thread(compare, suite_id, *sides)
 
     async def _entrant(self, board: Leaderboard, field: str, wanted: str) -> LeaderboardEntry:
         agent = await self._store.agent_called(wanted)
@@ -106,17 +106,7 @@ class Leaderboards:
         message = f"{agent.name!r} has no entry on {board.suite}; it has one after its first evaluation"
         raise _unknown(ProblemType.UNKNOWN_EVALUATION, field, message)
 
-    async def _side(self, suite: Suite, entry: LeaderboardEntry) -> Side:
-        evaluation = await self._store.evaluation(str(entry.evaluation))
-        assert evaluation is not None
-        return Side(
-            agent=entry.agent,
-            draw=await asyncio.to_thread(suite.draw, evaluation.secret),
-            outcomes=await self._store.outcomes(evaluation.id),
-            why_not=entry.why_not,
-        )
-
-    async def _compute(self, suite_id: str) -> Leaderboard:
+    async def _compute(self, suite_id: str) -> tuple[Leaderboard, dict[str, Metrics]]:
         suite = load_suite(suite_id)
         rows = []
         cancelled = await self._store.cancelled_counts(suite_id)
@@ -132,13 +122,15 @@ class Leaderboards:
                     entry=Entry(evaluation.entry),
                     metrics=_metrics(evaluation.metrics),
                     cancelled=cancelled.get(agent.id, 0),
+                    finished=evaluation.finished or 0.0,
                 )
             )
         if suite_id not in self._algorithms:  # they do not change while the service runs
             self._algorithms[suite_id] = await asyncio.to_thread(algorithm_rows, suite)
         rows += self._algorithms[suite_id]
-        entries = await asyncio.to_thread(rank, rows)
-        return Leaderboard(suite=suite_id, sha256=suite.sha256, updated=_iso(newest), entries=tuple(entries))
+        entries = tuple(await asyncio.to_thread(rank, rows))
+        metrics = {str(row.evaluation): row.metrics for row in rows if row.evaluation is not None}
+        return Leaderboard(suite=suite_id, sha256=suite.sha256, updated=_iso(newest), entries=entries), metrics
 
 
 @lru_cache(maxsize=4096)

@@ -9,6 +9,8 @@ from typing import Final, TypeVar
 from wrongturn_protocol import Outcome
 
 _T = TypeVar("_T")
+Place = tuple[str, int | None]
+"""A town and the seed of its drawn scenery; None: the scenery that it ships with."""
 Action = tuple[float, float, float]
 """Steer, throttle, brake, each a float32: values that round to the same ones are the same action."""
 ACTION: Final = struct.Struct("<3f")

@@ -10,7 +10,13 @@ from typing import Final
 import structlog
 
 from wrongturn_service.machine import Machine
-from wrongturn_service.simulators.interface import SimulatorDiedError, SimulatorsBusyError, SimulatorStartError, in_turn
+from wrongturn_service.simulators.interface import (
+    Place,
+    SimulatorDiedError,
+    SimulatorsBusyError,
+    SimulatorStartError,
+    in_turn,
+)
 from wrongturn_service.simulators.local_simulator import LocalSimulator
 
 COMMAND = (sys.executable, "-m", "wrongturn_service.simulators")
@@ -27,7 +33,7 @@ class _Waiting:
     """An agent's call that waits for a simulator."""
 
     agent: str
-    town: str
+    town: Place
     simulator: "asyncio.Future[LocalSimulator]"
 
 
@@ -67,7 +73,7 @@ class LocalPool:
         self._starts = asyncio.Semaphore(Machine().processors())
         self._waiting: list[_Waiting] = []
         self._paused = False
-        self._town = ""
+        self._town: Place = ("", None)
         self._stopping = False
         self._log = structlog.get_logger("pool")
 
@@ -103,7 +109,7 @@ class LocalPool:
         await asyncio.gather(*(simulator.close() for simulator in [*self._idle, *self._busy]))
         self._idle.clear()
 
-    async def acquire(self, town: str, agent: str) -> LocalSimulator:
+    async def acquire(self, town: Place, agent: str) -> LocalSimulator:
         """Return a simulator for the caller alone, preferably one that has the town loaded.
 
         Of two calls that wait for a start, that of the agent with fewer simulators comes first.

@@ -20,6 +20,7 @@ from wrongturn_service.simulators.interface import (
     Action,
     EpisodeEnd,
     EpisodeRefusedError,
+    Place,
     SimulatorDiedError,
     SimulatorStartError,
     StepResult,
@@ -55,8 +56,8 @@ class LocalSimulator(asyncio.Protocol):
 
     def __init__(self, process: subprocess.Popen[bytes], stream: socket.socket, timeout_s: float) -> None:
         self.process = process
-        self.town = ""
-        """The town that is loaded."""
+        self.town: Place = ("", None)
+        """The town that was driven in last."""
         self._handle = stream.fileno()
         self._transport: asyncio.Transport
         self._closed = False
@@ -143,9 +144,9 @@ class LocalSimulator(asyncio.Protocol):
         """Return a picture of the moment for people, as a pixmap."""
         return await self._ask(["view"], bytes, self._timeout_s)
 
-    async def prepare(self, town: str) -> None:
+    async def prepare(self, town: Place) -> None:
         """Load a town, so that its first reset is as quick as any other. Raises SimulatorDiedError."""
-        await self._ask(["prepare", town], lambda *_: None, self._timeout_s)
+        await self._ask(["prepare", *town], lambda *_: None, self._timeout_s)
         self.town = town
 
     def memory(self) -> int:

@@ -9,7 +9,7 @@ Requests and replies are values of msgpack, one after the other. Requests:
     | ``["step", steer, throttle, brake, encoding]``
     | ``["view"]``
     | ``["abort"]``
-    | ``["prepare", town]``
+    | ``["prepare", town, scenery]``
 
 Replies:
     | ``[OK, observation, reward, terminated, truncated, end]`` to a reset or a step; ``end`` is None or the values of

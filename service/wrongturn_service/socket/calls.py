@@ -129,7 +129,7 @@ class Calls:
         call = f"WS {Call.PRACTISE}"
         async with service.idempotency.once(_key(key), caller.holder, call, canonical, self._reading) as once:
             caller.check_track(wanted)
-            trial = await catalogue.practice_trial(wanted)
+            trial = await catalogue.practice_trial(wanted, service.draws)
             return await service.resets.practise(caller, self._address, trial, Encoding.RAW, once)
 
     async def _look(self, episode: Any) -> bytes:

@@ -8,7 +8,7 @@ and is summed anew when it reaches the quota.
 """
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
@@ -16,7 +16,7 @@ from sqlalchemy import ColumnElement, case, delete, func, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 from sqlalchemy.orm import aliased, join, outerjoin
 
-from wrongturn_protocol import EpisodeState, EvaluationState, Trial
+from wrongturn_protocol import EpisodeState, EvaluationState
 from wrongturn_protocol.reserved_names import OWNER_NAME
 from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service.errors import QuotaReachedError
@@ -296,9 +296,9 @@ async def owner_of(session: AsyncSession, agent_id: str) -> str:
     return await session.scalar(select(AgentRow.owner_id).where(AgentRow.id == agent_id)) or ""
 
 
-def reserve_of(trials: Iterable[Trial]) -> int:
-    """Return the bytes that episodes of these trials can come to, with the stored replies to their resets."""
-    return sum(REPLY_RESERVE + (EPISODE_RESERVE if trial.journey is None else JOURNEY_RESERVE) for trial in trials)
+def reserve_of(episodes: int, *, journeys: bool) -> int:
+    """Return the bytes that so many episodes can come to, with the stored replies to their resets."""
+    return episodes * (REPLY_RESERVE + (JOURNEY_RESERVE if journeys else EPISODE_RESERVE))
 
 
 def over_practice() -> Sequence[ColumnElement[bool]]:

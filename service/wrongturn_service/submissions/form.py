@@ -26,7 +26,7 @@ _SHOWN: Final = 64
 _BOUNDARY: Final = re.compile(rb"[0-9A-Za-z'()+_,\-./:=? ]{0,69}[0-9A-Za-z'()+_,\-./:=?]")
 """RFC 2046, 5.1.1."""
 _PLAIN: Final = {b"", b"binary", b"8bit", b"7bit"}
-_EXAMPLE: Final = "send it as curl -F model=@agent.onnx -F suite=wrong-command@2 -F name=mine does"
+_EXAMPLE: Final = "send it as curl -F model=@agent.onnx -F suite=wrong-command@3 -F name=mine does"
 # It would log a line for each malformed body, which anybody can send.
 logging.getLogger("python_multipart").setLevel(logging.CRITICAL)
 

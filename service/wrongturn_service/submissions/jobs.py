@@ -31,6 +31,8 @@ ATTEMPTS: Final = 5
 _FIRST_PAUSE_S: Final = 0.25
 _LONGEST_PAUSE_S: Final = 5.0
 _LOOK_S: Final = 3.0
+_PRACTICE: Final = "smoke@3"
+"""The suite that a model practises if its own needs towns."""
 _LOAD_S: Final = 60.0
 """Seconds until the model has to be described. The runner itself gives a model less; this is for runners that hang."""
 _PRACTICE_S: Final = 600.0
@@ -204,7 +206,10 @@ class Check(Job):
                         )
                         token = await submissions.give_token(row.id)
                         process.deadline = loop.time() + _PRACTICE_S
-                        await process.send(messages.PracticeJob(token=token, suite=suite.id, trial=suite.trials[0].id))
+                        # The towns of its own suite may not be built.
+                        practice = catalogue.suite(_PRACTICE) if suite.makes_towns else suite
+                        trial = practice.trials[0].id
+                        await process.send(messages.PracticeJob(token=token, suite=practice.id, trial=trial))
                     case messages.Refused():
                         raise RefusedError(event.reason)
                     case messages.Passed():

@@ -9,6 +9,7 @@ import numpy as np
 import orjson
 
 from wrongturn_networks import load_town, town_names
+from wrongturn_networks.drawn import is_drawn
 from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType, Task, twin_id
 from wrongturn_protocol.junction_frame import Points
 from wrongturn_service.service import Service
@@ -55,6 +56,7 @@ async def driven_evaluation(service: Service, evaluation_id: str) -> DrivenEvalu
 
 async def _load(service: Service, evaluation_id: str) -> DrivenEvaluation:
     episodes = await service.finished.episodes(evaluation_id)
+    service.draws.check_towns(episode.trial for episode in episodes)
     junctions = [episode for episode in episodes if episode.trial.journey is None]
     paths: dict[str, Points] = {}
     for first in range(0, len(junctions), _BATCH):
@@ -100,7 +102,8 @@ def _maps(episodes: Sequence[FinishedEpisode], paths: Mapping[str, Points]) -> t
 
 def _approaches(episodes: Sequence[FinishedEpisode]) -> set[tuple[str, str]]:
     """Return the approaches, each by town and id, that can be drawn. Old episodes may be of a town that is gone."""
-    towns = {episode.trial.town for episode in episodes} & set(town_names())
+    driven = {episode.trial.town for episode in episodes}
+    towns = driven & {*town_names(), *filter(is_drawn, driven)}
     return {(town, approach) for town in towns for approach in load_town(town).approaches}
 
 

@@ -10,9 +10,8 @@ import structlog
 from fastapi import APIRouter, Query, Request, Response
 from markupsafe import Markup
 
-from wrongturn_judge.metrics import of_journeys
-from wrongturn_networks import Suite
-from wrongturn_protocol import AgentKind, Leaderboard, LeaderboardEntry, LeaderboardList, Track
+from wrongturn_networks import Suite, load_suite
+from wrongturn_protocol import AgentKind, Leaderboard, LeaderboardEntry, LeaderboardList, LeaderboardSummary, Track
 from wrongturn_protocol.standing_rows import MARKS
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import ServiceDep
@@ -20,11 +19,13 @@ from wrongturn_service.errors import InvalidRequestError
 from wrongturn_service.service import Service
 from wrongturn_service.web import words
 from wrongturn_service.web.page import numbered_page, rendered, sent
-from wrongturn_service.web.standings import page_count, standings
+from wrongturn_service.web.standings import of_paper, page_count, standings
 
 router = APIRouter(include_in_schema=False)
-FIRST: Final = "wrong-command@2"
-"""The suite whose leaderboard is the first page."""
+FIRST: Final = "wrong-command-unseen@1"
+"""The suite whose leaderboard is the first page: the ranking that counts."""
+_PAPERS: Final = "wrong-command@3"
+"""The suite of the paper's table."""
 Filter = Annotated[str, Query(max_length=40)]
 _KINDS: Final = (AgentKind.SUBMITTED, AgentKind.REFERENCE, AgentKind.BASELINE, AgentKind.EXPLOIT, AgentKind.ALGORITHM)
 """Kinds in the order of the filter."""
@@ -37,7 +38,7 @@ _Word = TypeVar("_Word", bound=StrEnum)
 async def front(
     request: Request, service: ServiceDep, track: Filter = "", kind: Filter = "", page: Filter = "1"
 ) -> Response:
-    """Show the leaderboard of the paper's suite."""
+    """Show the leaderboard that counts."""
     return await _leaderboard(request, service, FIRST, track, kind, page)
 
 
@@ -82,7 +83,7 @@ def _render(
     number: int,
     others: LeaderboardList,
 ) -> bytes:
-    journeys = of_journeys(suite.open_draw)
+    journeys = suite.of_journeys
     return rendered(
         "leaderboard.html",
         path,
@@ -97,8 +98,15 @@ def _render(
         kind=kind,
         tracks=[each for each in Track if each in suite.tracks],
         kinds=_KINDS,
-        others=others.leaderboards,
+        papers=_PAPERS if suite.id == FIRST else None,
+        others=sorted(others.leaderboards, key=_place),
     )
+
+
+def _place(board: LeaderboardSummary) -> tuple[bool, bool, bool, str]:
+    """Return what orders the list of leaderboards: unseen towns, then the paper's suites, then others."""
+    suite = load_suite(board.suite)
+    return not suite.makes_towns, not of_paper(board.suite), suite.of_journeys, board.suite
 
 
 def _word(path: str, name: str, words: type[_Word]) -> _Word | None:

@@ -45,7 +45,7 @@ def page(request: Request, template: str, *, status: int = 200, **values: Any) -
 def rendered(template: str, path: str, **values: Any) -> bytes:
     """Return a page's HTML.
 
-    The template gets the values, ``path`` (such as ``/suites/smoke@2``), and ``root``, with which all its links begin.
+    The template gets the values, ``path`` (such as ``/suites/smoke@3``), and ``root``, with which all its links begin.
     """
     return templates().get_template(template).render({"path": path, "root": root_of(path), **values}).encode()
 

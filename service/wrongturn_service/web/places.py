@@ -4,13 +4,13 @@ import asyncio
 from collections import Counter
 from collections.abc import Iterable
 from functools import cache
-from typing import Annotated, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 from fastapi import APIRouter, Query, Request, Response
 
-from wrongturn_judge.metrics import of_journeys
 from wrongturn_networks import Suite, load_suite, suite_ids
 from wrongturn_networks.catalogue import list_suites, list_towns
+from wrongturn_networks.draws import is_drawn_cell
 from wrongturn_protocol import Cell, Command, Condition, FaultKind, JunctionType, Task, Trial
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import ServiceDep
@@ -77,21 +77,28 @@ async def submit(
     )
 
 
+DRAWN: Final = "ten of its own"
+"""What stands for the towns that each evaluation has of its own."""
+
+
 def strata(items: Iterable[Cell | Trial]) -> list[Stratum]:
     """Count what is alike, in the order of the suite."""
     alike: Counter[tuple[str, JunctionType | Task, FaultKind | Condition, str, str]] = Counter()
     for item in items:
         traffic = item.traffic
         others = f"{traffic.vehicles} cars, {traffic.pedestrians} pedestrians" if traffic.vehicles else "none"
-        journey = item.journey if isinstance(item, Trial) else None
-        what = item.junction_type if journey is None else journey.task
-        how = item.fault.kind if journey is None else Condition.of(item.town, item.weather)
-        alike[item.town, what, how, item.weather.value, others] += 1
+        task = item.task if isinstance(item, Cell) else item.journey and item.journey.task
+        what = task or item.junction_type
+        assert what is not None
+        how = item.fault.kind if task is None else Condition.of(item.town, item.weather)
+        town = DRAWN if isinstance(item, Cell) and is_drawn_cell(item) else item.town
+        alike[town, what, how, item.weather.value, others] += 1
     return [Stratum(*key, count) for key, count in alike.items()]
 
 
 def _towns_of(suite: Suite) -> list[str]:
-    return sorted({item.town for item in suite.cells or suite.listed})
+    drawn = {cell.town for cell in suite.cells if is_drawn_cell(cell)}
+    return sorted({item.town for item in suite.cells or suite.listed} - drawn)
 
 
 # Pages that never change. Only ids of suites and names of towns come here, so few are kept.
@@ -110,7 +117,9 @@ def _suite(suite_id: str) -> bytes:
         f"/suites/{suite_id}",
         suite=found.summary(),
         drawn=bool(found.cells),
-        journeys=of_journeys(found.open_draw),
+        makes_towns=found.makes_towns,
+        own_towns=DRAWN,
+        journeys=found.of_journeys,
         strata=strata(found.cells or found.listed),
         towns=_towns_of(found),
         town_map=town_map,

@@ -76,7 +76,7 @@ def standings(
     if not journeys and len(columns.lines) > _MOST_LINES:
         columns = replace(columns, lines=(), parts=())
     theirs: tuple[Line, ...] = ()
-    if paper and board.suite.partition("@")[0] in _OF_PAPER:
+    if paper and of_paper(board.suite):
         theirs = tuple(
             Line(columns.row_of_paper(agent), agent.title, (f"the design of {agent.ours}",)) for agent in PAPER
         )
@@ -89,6 +89,11 @@ def standings(
         page=page,
         pages=page_count(entries),
     )
+
+
+def of_paper(suite: str) -> bool:
+    """Return whether the paper has figures of a suite, by its id."""
+    return suite.partition("@")[0] in _OF_PAPER
 
 
 def page_count(entries: Sequence[LeaderboardEntry]) -> int:

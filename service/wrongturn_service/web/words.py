@@ -6,15 +6,17 @@ from importlib.resources import files
 from typing import Final
 
 from wrongturn_networks.faults import find_fault
-from wrongturn_protocol import Command, FaultKind, JunctionType, Outcome, Reaction, Safety, Trial, Verdict
+from wrongturn_protocol import Command, FaultKind, Flag, JunctionType, Outcome, Reaction, Safety, Trial, Verdict
+from wrongturn_protocol.standing_rows import INTERVALS
 from wrongturn_protocol.words import COMMANDS, EXITS, ending, name
 
 _TABLES: Final = tomllib.loads((files("wrongturn_service.web") / "words.toml").read_text("utf-8"))
 VERDICTS: Final = {Verdict(one): meaning for one, meaning in _TABLES["verdicts"].items()}
+FLAGS: Final = {Flag(one): meaning for one, meaning in _TABLES["flags"].items()}
 REACTIONS: Final = {Reaction(one): meaning for one, meaning in _TABLES["reactions"].items()}
 JUNCTION_TYPES: Final = {JunctionType(one): meaning for one, meaning in _TABLES["junction_types"].items()}
 
-__all__ = ["COMMANDS", "EXITS", "ending", "name"]
+__all__ = ["COMMANDS", "EXITS", "INTERVALS", "ending", "name"]
 _TURNS: Final = {Command.LEFT: "turned left", Command.RIGHT: "turned right", Command.STRAIGHT: "went straight on"}
 _AS: Final = {
     Verdict.EXIT_COMMANDED: "as the command said",
@@ -58,8 +60,8 @@ def ended(outcome: Outcome) -> str:
     sentences = [VERDICTS[verdict]]
     if outcome.exit is not None and verdict.exited:
         sentences = [f"The car {_TURNS[outcome.exit]}, {_AS[verdict]}."]
-    if outcome.unsafe_strict and not verdict.unsafe_strict:
-        sentences.append("On its way it drove on the oncoming lane.")
+    if not verdict.unsafe_strict:
+        sentences += [FLAGS[flag] for flag in outcome.flags if flag in FLAGS]
     if verdict not in {Verdict.ABORTED, Verdict.INVALID}:
         sentences.append(f"Verdict after {outcome.time:.1f} s.")
     return " ".join(sentences)

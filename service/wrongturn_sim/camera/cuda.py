@@ -1,6 +1,7 @@
 """Pictures of many egos at once, made on a GPU and kept there."""
 
 import warnings
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from wrongturn_sim.camera import cuda_kernels as kernels
 from wrongturn_sim.camera.kernels import HITS, ROWS, WORK
 from wrongturn_sim.camera.noise import clouds
-from wrongturn_sim.camera.pinhole import Camera
+from wrongturn_sim.camera.pinhole import Camera, one_size
 from wrongturn_sim.camera.renderer import OTHER, others_of_each
 from wrongturn_sim.camera.solids import COLUMNS, shop_colours
 from wrongturn_sim.camera.weathers import RAIN, SIZE
@@ -91,11 +92,11 @@ class CudaRenderer:
     GPU rounds differently: on an H200, at most 4 pixels in a million have another class and 55 in a million a colour
     that differs by more than 1. The constructor allocates all memory, but for that of road users, which grows.
 
-    ``number`` is the most pictures that one call makes. Raises CameraError if that is not a whole number above 0, or
-    there is no GPU.
+    ``number`` is the most pictures that one call makes. ``camera`` is that of all, or a list with that of each place;
+    all of them make pictures of one size. Raises CameraError if a number is not what it should be, or there is no GPU.
     """
 
-    def __init__(self, world: World, camera: Camera, number: int) -> None:
+    def __init__(self, world: World, camera: Camera | Sequence[Camera], number: int) -> None:
         if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < 1:
             raise CameraError(f"number is {number!r}; give a whole number of pictures, 1 or more")
         if not device.is_available():
@@ -103,13 +104,14 @@ class CudaRenderer:
                 "backend: 'cuda' finds no GPU; it needs an NVIDIA GPU, its driver and `pip install numba-cuda[cu13]` "
                 "(or [cu12], as the driver is), or give backend='cpu'"
             )
-        self._camera = camera
+        cameras = [camera] * number if isinstance(camera, Camera) else list(camera)
+        self._camera = camera = one_size(cameras, number)
         self._number = number
         self._looks: NDArray[np.float64] | None = None
         self._looks_there: Any = None
         self._numbers = device.pinned_array((number, kernels.NUMBERS), np.float64)
         self._numbers_there = device.device_array((number, kernels.NUMBERS), np.float64)
-        self._packed = device.to_device(camera.packed())
+        self._packed = device.to_device(np.array([one.packed() for one in cameras]))
         height, width = camera.height, camera.width
         self._items = len(world.scenery)
         # A GPU has no empty arrays.

@@ -40,16 +40,17 @@ _LOCAL: Final = (WORK, LOW)
 
 @cuda.jit(fastmath=True)
 def look_around(
-    numbers: Any, looks: Any, camera: Any, scenery: Any, items: int, others: Any, width: int, height: int, rows: Any,
+    numbers: Any, looks: Any, cameras: Any, scenery: Any, items: int, others: Any, width: int, height: int, rows: Any,
     place: Any, spans: Any, users: Any,
 ) -> None:  # fmt: skip
     """Set ``rows``, ``place``, ``spans`` and ``users``, with a block for each picture.
 
-    Shapes: ``others`` (M, 8), those of all pictures; ``rows`` (N, ROWS, height), ``place`` and ``spans``
-    (N, scenery + most, 2), ``users`` (N, most, COLUMNS). A span is the first column in which a solid may be seen, and
-    the one after the last. Road users follow the scenery.
+    Shapes: ``cameras`` (places, LEVEL + 1), packed, that of each place; ``others`` (M, 8), those of all pictures;
+    ``rows`` (N, ROWS, height), ``place`` and ``spans`` (N, scenery + most, 2), ``users`` (N, most, COLUMNS). A span
+    is the first column in which a solid may be seen, and the one after the last. Road users follow the scenery.
     """
     i = cuda.blockIdx.x
+    camera = cameras[int(numbers[i, TARGET])]
     eye = eye_of(numbers[i, PX], numbers[i, PY], numbers[i, YAW], camera)
     for item in range(cuda.threadIdx.x, items, cuda.blockDim.x):
         begin, end = span_of(scenery[item], eye, camera, width, height, place[i, item])
@@ -69,8 +70,8 @@ def look_around(
 
 @kernel
 def paint_column(
-    i: int, u: int, numbers: Any, looks: Any, camera: Any, scene: Scene, rows: Any, place: Any, spans: Any, counts: Any,
-    lists: Any, users: Any, canvas: Any, work: Any, rgb: Any, segmentation: Any,
+    i: int, u: int, numbers: Any, looks: Any, cameras: Any, scene: Scene, rows: Any, place: Any, spans: Any,
+    counts: Any, lists: Any, users: Any, canvas: Any, work: Any, rgb: Any, segmentation: Any,
 ) -> None:  # fmt: skip
     """Paint column u of picture i; ``work`` is for this column alone, the other arrays are for all pictures."""
     count = 0
@@ -81,6 +82,7 @@ def paint_column(
     counts[i, u] = count
     # Neighbours' lists side by side, for threads that read them at once.
     scratch = Scratch(rows[i], work, place[i], counts[i], lists[i].T, users[i], canvas[i])
+    camera = cameras[int(numbers[i, TARGET])]
     eye = eye_of(numbers[i, PX], numbers[i, PY], numbers[i, YAW], camera)
     column_into(u, eye, camera, looks[int(numbers[i, LOOK])], scene, scratch)
     target = int(numbers[i, TARGET])
@@ -90,7 +92,7 @@ def paint_column(
 
 @cuda.jit(fastmath=True)
 def paint_low(
-    numbers: Any, looks: Any, camera: Any, ground: Any, frame: Any, scenery: Any, shops: Any, cover: Any, rows: Any,
+    numbers: Any, looks: Any, cameras: Any, ground: Any, frame: Any, scenery: Any, shops: Any, cover: Any, rows: Any,
     place: Any, spans: Any, counts: Any, lists: Any, users: Any, canvas: Any, rgb: Any, segmentation: Any,
 ) -> None:  # fmt: skip
     """Paint pictures of at most LOW rows, with a thread for each column."""
@@ -99,14 +101,14 @@ def paint_low(
     if u < segmentation.shape[2]:
         scene = Scene(ground, frame, scenery, shops, cover)
         paint_column(
-            i, u, numbers, looks, camera, scene, rows, place, spans, counts, lists, users, canvas, work, rgb,
+            i, u, numbers, looks, cameras, scene, rows, place, spans, counts, lists, users, canvas, work, rgb,
             segmentation,
         )  # fmt: skip
 
 
 @cuda.jit(fastmath=True)
 def paint_tall(
-    numbers: Any, looks: Any, camera: Any, ground: Any, frame: Any, scenery: Any, shops: Any, cover: Any, rows: Any,
+    numbers: Any, looks: Any, cameras: Any, ground: Any, frame: Any, scenery: Any, shops: Any, cover: Any, rows: Any,
     place: Any, spans: Any, counts: Any, lists: Any, users: Any, canvas: Any, work: Any, rgb: Any, segmentation: Any,
 ) -> None:  # fmt: skip
     """Paint pictures of any height, with a thread for each column; ``work`` is (N, WORK, rows, columns)."""
@@ -114,7 +116,7 @@ def paint_tall(
     if u < segmentation.shape[2]:
         scene, mine = Scene(ground, frame, scenery, shops, cover), work[i, :, :, u]
         paint_column(
-            i, u, numbers, looks, camera, scene, rows, place, spans, counts, lists, users, canvas, mine, rgb,
+            i, u, numbers, looks, cameras, scene, rows, place, spans, counts, lists, users, canvas, mine, rgb,
             segmentation,
         )  # fmt: skip
 

@@ -3,10 +3,12 @@
 Each cell is one byte, its code. Bits 0 to 3 are the tone, bits 4 and 5 the kind (vegetation, road, marking, sidewalk).
 Bits 6 and 7 are set where the ground lies in the shade of the first and the second sun of
 :mod:`~wrongturn_sim.camera.weathers`.
+
+:func:`bare` makes what depends on the net alone, and :func:`dressed` adds feet and shadows of scenery, which is quick.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -68,8 +70,10 @@ class Grid:
 
     def fixed(self, points: Any) -> NDArray[np.int32]:
         """Return points (N, 2), metres, as cells in OpenCV's fixed-point coordinates."""
-        cells = (np.asarray(points, np.float64)[:, :2] - (self.x, self.y)) / CELL - 0.5
-        return np.rint(cells * (1 << _SHIFT)).astype(np.int32)
+        cells = np.asarray(points, np.float64)[:, :2] - (self.x, self.y)
+        cells *= (1 << _SHIFT) / CELL
+        cells -= 0.5 * (1 << _SHIFT)
+        return np.rint(cells, out=cells).astype(np.int32)
 
     def mask(self) -> Raster:
         """Return an empty mask."""
@@ -120,7 +124,21 @@ def edge_line(lane: Lane) -> BaseGeometry:
     return _strip(LineString(lane.centreline).offset_curve(EDGE_OFFSET - lane.width / 2))
 
 
-def _shadow(grid: Grid, into: Raster, item: SceneryObject, sun: tuple[float, float]) -> None:
+_CORNERS: Final = np.array([(0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5)])
+
+
+def _foot(item: SceneryObject, wider: float = 0.0) -> NDArray[np.float64]:
+    """Return the corners of an object's box, (4, 2), each side moved outwards by so many metres."""
+    cos, sin = math.cos(item.yaw), math.sin(item.yaw)
+    along, across = item.length + 2 * wider, item.width + 2 * wider
+    turned: NDArray[np.float64] = _CORNERS @ np.array([(along * cos, along * sin), (-across * sin, across * cos)])
+    turned += item.x, item.y
+    return turned
+
+
+def _shadow(
+    grid: Grid, into: Raster, item: SceneryObject, foot: NDArray[np.float64], sun: tuple[float, float], bit: int
+) -> None:
     elevation, bearing = sun
     reach = 1.0 / math.tan(elevation)
     away = np.array([-math.cos(bearing), -math.sin(bearing)]) * reach
@@ -134,23 +152,22 @@ def _shadow(grid: Grid, into: Raster, item: SceneryObject, sun: tuple[float, flo
         along, aside = long * ragged * np.cos(turn), radius * ragged * np.sin(turn)
         unit = away / reach
         points = centre + along[:, None] * unit + aside[:, None] * np.array([-unit[1], unit[0]])
-        cv2.fillPoly(into, [grid.fixed(points)], 1, shift=_SHIFT)
+        cv2.fillPoly(into, [grid.fixed(points)], bit, shift=_SHIFT)
         root = np.array([[item.x, item.y], *(np.array([[item.x, item.y]]) + away * middle)])
-        cv2.polylines(into, [grid.fixed(root)], False, 1, 3, shift=_SHIFT)
+        cv2.polylines(into, [grid.fixed(root)], False, bit, 3, shift=_SHIFT)
         return
-    foot = np.array(item.footprint().exterior.coords)[:4]
     if item.kind is SceneryKind.FENCE:
         for share in (0.35, 0.7, 0.95):
             rail = foot + away * item.height * share
-            cv2.polylines(into, [grid.fixed(rail)], True, 1, 1, shift=_SHIFT)
+            cv2.polylines(into, [grid.fixed(rail)], True, bit, 1, shift=_SHIFT)
         return
     points = np.concatenate([foot, foot + away * item.height])
     hull = cv2.convexHull(grid.fixed(points))
-    cv2.fillConvexPoly(into, hull, 1, shift=_SHIFT)
+    cv2.fillConvexPoly(into, hull, bit, shift=_SHIFT)
 
 
-def bake(town: Town) -> tuple[Grid, Raster]:
-    """Return a town's grid and the codes of its ground, (rows, columns)."""
+def bare(town: Town) -> tuple[Grid, Raster]:
+    """Return a town's grid and its ground without scenery, (rows, columns): kind times 32, plus tone, 0 to 18."""
     grid = Grid.around(town.bounds)
     road, walk, marking, crossing = (grid.mask() for _ in range(4))
     grid.fill(road, town.road)
@@ -171,17 +188,39 @@ def bake(town: Town) -> tuple[Grid, Raster]:
     kind[walk > 0] = SIDEWALK
     kind[road > 0] = ROAD
     kind[marking > 0] = MARKING
-    code: Raster = _tones(town, grid, kind, road, walk) | (kind << 4).astype(np.uint8)
-    for bit, sun in enumerate(SUNS):
-        shade = grid.mask()
-        for item in town.scenery:
-            _shadow(grid, shade, item, sun)
-        code |= (shade << (6 + bit)).astype(np.uint8)
-    return grid, code
+    tones = np.clip(_tones(town, grid, kind, road, walk), 0, _BRIGHTEST).astype(np.uint8)
+    tones |= kind << 5
+    return grid, tones
 
 
-def _tones(town: Town, grid: Grid, kind: Raster, road: Raster, walk: Raster) -> Raster:
-    """Return the tones: worn asphalt and markings, slabs, kerbs, tufts; darker at the foot of scenery."""
+def dressed(grid: Grid, ground: Raster, scenery: Iterable[SceneryObject]) -> Raster:
+    """Return the codes of a ground with scenery, (rows, columns): darker at its feet, and in its shade."""
+    feet, shades = grid.mask(), [grid.mask() for _ in SUNS]
+    for item in scenery:
+        wider = 0.25 if item.kind is SceneryKind.FENCE else 0.6
+        # OpenCV fills a polygon's outline too, so take half a cell off.
+        cv2.fillPoly(feet, [grid.fixed(_foot(item, wider - CELL / 2))], 1, shift=_SHIFT)
+        foot = _foot(item)
+        for number, (shade, sun) in enumerate(zip(shades, SUNS, strict=True)):
+            _shadow(grid, shade, item, foot, sun, 64 << number)
+    code = np.asarray(cv2.LUT(ground, _CODES[0]), np.uint8)
+    cv2.copyTo(cv2.LUT(ground, _CODES[1]), feet, code)
+    for shade in shades:
+        cv2.bitwise_or(code, shade, code)
+    return code
+
+
+def _code(cell: int, darker: int) -> int:
+    return cell >> 5 << 4 | min(max((cell & 31) - darker, 0), 15)
+
+
+_BRIGHTEST: Final = 18
+_CODES: Final = [np.array([_code(cell & 127, darker) for cell in range(256)], np.uint8) for darker in (0, 3)]
+"""Codes of a cell of the bare ground, and of one at the foot of scenery."""
+
+
+def _tones(town: Town, grid: Grid, kind: Raster, road: Raster, walk: Raster) -> NDArray[np.int16]:
+    """Return the tones: worn asphalt and markings, slabs, kerbs, tufts."""
     grain = _spread(tile(512, (1,), 11), grid).astype(np.int16)
     patch = _spread(tile(512, (32, 16, 8), 12), grid).astype(np.int16)
     blotch = _spread(tile(512, (128, 64), 13), grid).astype(np.int16)
@@ -213,20 +252,12 @@ def _tones(town: Town, grid: Grid, kind: Raster, road: Raster, walk: Raster) -> 
     back = walk & _grown(1 - road - walk, 1)
     slabs[back > 0] -= 3
     np.copyto(tones, slabs, where=kind == SIDEWALK)
-
-    feet = grid.mask()
-    for item in town.scenery:
-        widened = item.footprint().buffer(0.25 if item.kind is SceneryKind.FENCE else 0.6, join_style="mitre")
-        grid.fill(feet, widened)
-    tones[feet > 0] -= 3
-    lowest = np.where(kind == MARKING, 8 * (tones >= 8), 0) if feet.any() else 0
-    clipped: Raster = np.clip(tones, lowest, 15).astype(np.uint8)
-    return clipped
+    return tones
 
 
 def _mends(town: Town, grid: Grid) -> Iterator[tuple[tuple[int, int], tuple[int, int], int]]:
     """Yield mended places of the asphalt: first cell, size, and how much brighter they are."""
-    draw = np.random.default_rng(int(town.sha256[:8], 16))
+    draw = np.random.default_rng(int(town.plain.sha256[:8], 16))
     for lane in town.lanes.values():
         line = LineString(lane.centreline)
         for _ in range(int(line.length / 18.0)):

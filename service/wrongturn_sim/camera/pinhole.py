@@ -1,6 +1,7 @@
 """The camera's mounting and optics."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -115,3 +116,10 @@ class Camera:
         packed[[PITCH_COS, PITCH_SIN]] = math.cos(tilt), math.sin(tilt)
         packed[[CAMERA_YAW, LEVEL]] = self.yaw, tilt == 0.0
         return packed
+
+
+def one_size(cameras: Sequence[Camera], count: int) -> Camera:
+    """Return the first of several cameras. Raises CameraError if there are not ``count`` or their sizes differ."""
+    if len(cameras) != count or len({(one.width, one.height) for one in cameras}) != 1:
+        raise CameraError(f"camera: there are {len(cameras)}; give one, or {count} of one size")
+    return cameras[0]

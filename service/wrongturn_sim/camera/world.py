@@ -1,6 +1,7 @@
-"""A town as the renderer needs it, made once and kept on the disk."""
+"""A town as the renderer needs it. The ground of its net is made once and kept on the disk."""
 
 import contextlib
+import functools
 import os
 import tempfile
 from dataclasses import dataclass
@@ -11,15 +12,16 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_judge.home import home
 from wrongturn_networks import Town
-from wrongturn_sim.camera.ground import CELL, bake
+from wrongturn_networks.per_net import once_per_net
+from wrongturn_protocol.home import home
+from wrongturn_sim.camera.ground import CELL, Grid, bare, dressed
 from wrongturn_sim.camera.solids import rows_of
 
-FORMAT: Final = 1
-"""Version of the cached file, part of its name. Increase it when :func:`~wrongturn_sim.camera.ground.bake` changes."""
-
-_KNOWN: dict[str, "World"] = {}
+FORMAT: Final = 2
+"""Version of the cached file, part of its name. Increase it when :func:`~wrongturn_sim.camera.ground.bare` changes."""
+KEPT: Final = 200
+"""Grounds that are kept on the disk, about 2 GB at most; the oldest unused ones go."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,34 +41,48 @@ class World:
 
     @classmethod
     def of(cls, town: Town) -> "World":
-        """Return the world of a town: from this process or from the disk if it was made before."""
-        if town.sha256 not in _KNOWN:
-            _KNOWN[town.sha256] = cls._loaded(town)
-        return _KNOWN[town.sha256]
-
-    @classmethod
-    def _loaded(cls, town: Town) -> "World":
-        file = home() / "camera" / f"{town.sha256}-{FORMAT}.npz"
-        try:
-            # Opened here, because numpy leaves a broken archive open. Archives have checksums.
-            with file.open("rb") as opened, np.load(opened, allow_pickle=False) as kept:
-                frame, ground = kept["frame"], kept["ground"]
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile):
-            made, ground = bake(town)
-            frame = np.array([made.x, made.y, 1.0 / CELL])
-            _write(file, frame, ground)
-        return cls(ground, frame, rows_of(town.scenery))
+        """Return the world of a town; each process makes it once."""
+        return _world_of(town)
 
 
-def _write(file: Path, frame: NDArray[np.float64], ground: NDArray[np.uint8]) -> None:
+@functools.lru_cache(maxsize=16)
+def _world_of(town: Town) -> World:
+    grid, ground = _bare(town)
+    frame = np.array([grid.x, grid.y, 1.0 / CELL])
+    return World(dressed(grid, ground, town.scenery), frame, rows_of(town.scenery))
+
+
+@once_per_net(4)
+def _bare(town: Town) -> tuple[Grid, NDArray[np.uint8]]:
+    """Return the ground without scenery, from the disk if it was made before."""
+    file = home() / "camera" / f"{town.plain.sha256}-{FORMAT}.npz"
+    grid = Grid.around(town.bounds)
+    try:
+        # Opened here, because numpy leaves a broken archive open. Archives have checksums.
+        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as kept:
+            ground: NDArray[np.uint8] = kept["ground"]
+        if ground.shape != (grid.rows, grid.columns):
+            raise ValueError
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+        _, ground = bare(town)
+        _write(file, ground)
+    else:
+        with contextlib.suppress(OSError):
+            file.touch()
+    return grid, ground
+
+
+def _write(file: Path, ground: NDArray[np.uint8]) -> None:
     """Keep the ground in a file. A full or read-only disk is no error: the ground can be made again."""
     with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=file.parent, suffix=".npz")
         try:
             with os.fdopen(handle, "wb") as opened:
-                np.savez(opened, frame=frame, ground=ground)
+                np.savez(opened, ground=ground)
             Path(name).replace(file)
+            for old in sorted(file.parent.glob("*.npz"), key=lambda one: one.stat().st_mtime)[:-KEPT]:
+                old.unlink(missing_ok=True)
         except OSError:
             Path(name).unlink(missing_ok=True)
             raise

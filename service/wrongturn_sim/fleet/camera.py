@@ -24,9 +24,12 @@ class FleetCamera:
     :class:`~wrongturn_sim.camera.cuda.DeviceImages`. Raises CameraError if there is no GPU.
     """
 
-    def __init__(self, fleet: Fleet, camera: Camera | None, track: Track, threads: int, backend: str = "cpu") -> None:
+    def __init__(
+        self, fleet: Fleet, camera: Camera | Sequence[Camera] | None, track: Track, threads: int, backend: str = "cpu"
+    ) -> None:
         self._fleet = fleet
-        self._camera = camera = camera or Camera()
+        self._cameras: list[Camera] = [camera] if isinstance(camera, Camera) else list(camera or [Camera()])
+        camera = self._cameras[0]
         self._threads = threads
         self._world = World.of(fleet.town)
         self._table = np.array([look_of(weather) for weather in Weather])
@@ -65,10 +68,18 @@ class FleetCamera:
         rgb = self._rgb if whole else np.empty((len(chosen), *self._rgb.shape[1:]), np.uint8)
         segmentation = self._segmentation if whole else np.empty((len(chosen), *rgb.shape[1:3]), np.uint8)
         looks = self._table[kinds]
-        render_batch(
-            self._world, self._camera, looks, seeds, poses, ticks, rgb, segmentation, threads=self._threads,
-            others=others, begins=begins,
-        )  # fmt: skip
+        if len(self._cameras) == 1:
+            render_batch(
+                self._world, self._cameras[0], looks, seeds, poses, ticks, rgb, segmentation, threads=self._threads,
+                others=others, begins=begins,
+            )  # fmt: skip
+        else:
+            for k, i in enumerate(chosen.tolist()):
+                one = slice(k, k + 1)
+                render_batch(
+                    self._world, self._cameras[i], looks[one], seeds[one], poses[one], ticks[one], rgb[one],
+                    segmentation[one], others=others[begins[k] : begins[k + 1]], begins=begins[k : k + 2] - begins[k],
+                )  # fmt: skip
         if not whole:
             self._rgb[chosen] = rgb
             self._segmentation[chosen] = segmentation
@@ -85,4 +96,5 @@ class FleetCamera:
             from wrongturn_sim.camera.cuda import CudaRenderer  # noqa: PLC0415 - only needed with a GPU
         except ImportError as error:
             raise CameraError(f"backend: 'cuda' needs numba-cuda: {error}; install it, or give backend='cpu'") from None
-        return CudaRenderer(self._world, self._camera, self._fleet.count)
+        cameras = self._cameras
+        return CudaRenderer(self._world, cameras if len(cameras) > 1 else cameras[0], self._fleet.count)

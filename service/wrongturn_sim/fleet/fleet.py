@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from wrongturn_judge import JourneyGeometry, decide
 from wrongturn_judge.judges import terms_of
 from wrongturn_judge.outcomes import conclude, conclude_journey, journey_fields
+from wrongturn_judge.packing import CLOCK_TOLERANCE
 from wrongturn_judge.thresholds import THRESHOLDS
 from wrongturn_judge.trajectory import RoadUser, Row, Trajectory
 from wrongturn_networks import Town
@@ -173,9 +174,9 @@ class Fleet:
     def begin(self, trials: Iterable[tuple[int, Trial]]) -> None:
         """Begin trials, each given with the number of its ego.
 
-        Raises TrialNotAloneError if a trial has another town, or other road users although the fleet has no traffic;
-        TrafficTooDenseError and FaultNotApplicableError as Episode; GeometryMismatchError or UnknownApproachError if a
-        journey's goal or the approach is not in the town.
+        Raises TrialNotAloneError if a trial has another town or scenery, or other road users although the fleet has no
+        traffic; TrafficTooDenseError and FaultNotApplicableError as Episode; GeometryMismatchError or
+        UnknownApproachError if a journey's goal or the approach is not in the town.
         """
         # Check all trials first: after a refusal nothing has changed.
         checked = [(i, self._checked(trial), make_fault(trial)) for i, trial in trials]
@@ -193,6 +194,7 @@ class Fleet:
             egos.approaches[i] = self._tables.row_of(trial)
             egos.faults[i] = _COMPILED.get(type(fault), kernel.FAULT_OTHER)
             egos.routes[i] = int(trial.route)
+            egos.watches[i] = trial.watch - CLOCK_TOLERANCE
             journey = trial.journey
             egos.journeys[i] = journey is not None
             egos.goals[i] = 0 if journey is None else self._tables.goal_of(journey.goal)
@@ -295,6 +297,11 @@ class Fleet:
         if trial.town != self.town.name:
             raise TrialNotAloneError(
                 f"trial.town: {trial.town} is not {self.town.name}, where these cars drive; make another environment"
+            )
+        if trial.scenery != self.town.scenery_seed:
+            raise TrialNotAloneError(
+                f"trial.scenery: {trial.scenery} is not that of these cars' town, {self.town.scenery_seed}; "
+                "make another environment"
             )
         if self._traffic is not None:
             check_density(self.town, trial)

@@ -73,6 +73,8 @@ class Egos(NamedTuple):
     faults: Array
     routes: Array
     """(n,) int64"""
+    watches: Array
+    """(n,): seconds for which a drive goes on after an exit."""
     journeys: Array
     """(n,) bool: whether the trial is one."""
     goals: Array
@@ -172,7 +174,7 @@ def judge_row(tables: Tables, egos: Egos, i: int, command: int) -> bool:
     else:
         found = decide.observe(
             tables.heads[geometry], floats, ints, cells, tables.numbers, users, egos.judged[i], egos.history[i],
-            egos.routes[i], t, x, y, yaw, v, command,
+            egos.routes[i], egos.watches[i], t, x, y, yaw, v, egos.state[i, 4], command,
         )  # fmt: skip
     return over if tables.drive_on > 0 else bool(found != 0)
 

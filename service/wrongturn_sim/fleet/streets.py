@@ -4,7 +4,6 @@ A *gate* is one way through a junction: an approach and one of its exits. It has
 """
 
 import xml.etree.ElementTree as ET
-from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from wrongturn_judge.kernels import Array
 from wrongturn_networks import Town
+from wrongturn_networks.per_net import once_per_net
 from wrongturn_sim.polyline import measure
 from wrongturn_sim.roads import roads_of
 from wrongturn_sim.traffic.plan import BODIES
@@ -51,7 +51,7 @@ class Streets(NamedTuple):
     """(D, 4): places for pedestrians: pavement, metres along it, x, y."""
 
 
-@lru_cache(maxsize=16)
+@once_per_net(16)
 def rules_of(town: Town) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]]:
     """Return the rules of a town's junctions, as SUMO's network states them.
 
@@ -81,7 +81,7 @@ def rules_of(town: Town) -> tuple[NDArray[np.uint8], NDArray[np.float64], NDArra
     return rules, speeds, np.array([limits.get(name, _SPEED) for name in roads.names])
 
 
-@lru_cache(maxsize=16)
+@once_per_net(16)
 def streets_of(town: Town) -> Streets:
     """Return the streets of a town; they are made once."""
     roads = roads_of(town)

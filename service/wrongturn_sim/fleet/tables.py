@@ -96,6 +96,7 @@ def egos_for(count: int) -> kernel.Egos:
         approaches=np.zeros(count, np.int64),
         faults=np.zeros(count, np.int64),
         routes=np.zeros(count, np.int64),
+        watches=np.zeros(count),
         journeys=np.zeros(count, np.bool_),
         goals=np.zeros(count, np.int64),
         terms=np.zeros((count, words(TERMS))),

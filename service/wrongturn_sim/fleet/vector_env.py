@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from wrongturn_networks import load_town
+from wrongturn_networks import Town, load_town
 from wrongturn_protocol import OptionError, Track, Traffic, Trial, TrialKeywords, TrialOptions
 from wrongturn_protocol.environments import Flags, TrialVectorEnv
 from wrongturn_protocol.observations import Observation
@@ -37,9 +37,10 @@ class WrongturnVectorEnv(TrialVectorEnv):
 
     Args:
         num_envs: number of environments.
-        town: town in which trials are drawn; ``Town01`` by default.
+        town: town in which trials are drawn, by name or, for one that is not installed, as read; ``Town01`` by default.
         track: decides what observations show.
-        camera: place and optics of the camera, in the tracks that have one; the benchmark's by default.
+        camera: place and optics of the camera, in the tracks that have one; the benchmark's by default. A list has that
+            of each environment.
         threads: number of threads that share a step's work; the bytes do not depend on it.
         backend: where pictures are rendered: ``cpu``, or ``cuda`` for an NVIDIA GPU. On a GPU they stay there:
             ``torch.as_tensor(observation["rgb"], device="cuda")`` shares their memory, and pictures in ``final_obs``
@@ -69,10 +70,10 @@ class WrongturnVectorEnv(TrialVectorEnv):
     def __init__(
         self,
         num_envs: int = 1,
-        town: str | None = None,
+        town: str | Town | None = None,
         track: Track | str = Track.STATE,
         *,
-        camera: "Camera | None" = None,
+        camera: "Camera | Sequence[Camera] | None" = None,
         threads: int = 1,
         backend: str = "cpu",
         strict: bool = False,
@@ -94,8 +95,9 @@ class WrongturnVectorEnv(TrialVectorEnv):
             raise OptionError(f"own_traffic: is {own_traffic!r}; give a FleetTraffic, such as FleetTraffic()")
         if backend not in ("cpu", "cuda"):
             raise OptionError(f"backend: is {backend!r}; give cpu or cuda")
-        trials = TrialOptions.of(town, track, **options)
-        self._prepare(num_envs, trials.track, autoreset_mode, render_mode, picture_size(camera))
+        place = town if isinstance(town, Town) else None
+        trials = TrialOptions.of(town.name if isinstance(town, Town) else town, track, **options)
+        self._prepare(num_envs, trials.track, autoreset_mode, render_mode, picture_size(camera, num_envs))
         if render_mode is not None and not record:
             raise OptionError("render_mode: pictures are drawn from the record; leave render_mode or record=False out")
         if trials.traffic != Traffic() and own_traffic is None:
@@ -103,13 +105,14 @@ class WrongturnVectorEnv(TrialVectorEnv):
                 "traffic: the cars of one batch drive alone; leave it out, take single environments, or give "
                 "own_traffic=FleetTraffic() to drive beside the batch's own traffic"
             )
-        self._source = TrialSource(trials)
-        if len(self._source.towns) != 1:
-            names = ", ".join(self._source.towns)
+        self._source = TrialSource(trials, place)
+        (name, scenery), *others = self._source.places
+        if others:
+            names = ", ".join(sorted({name, *(other for other, _ in others)}))
             raise OptionError(f"suite: {trials.suite} has trials in {names}; all cars need the same town")
         self.copy = copy
         self._fleet = Fleet(
-            load_town(self._source.towns[0]),
+            place or load_town(name, scenery),
             num_envs,
             self.track,
             threads=threads,

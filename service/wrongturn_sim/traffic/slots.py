@@ -4,7 +4,6 @@ import xml.etree.ElementTree as ET
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from wrongturn_networks import Town
 from wrongturn_networks.lanes import Line
 from wrongturn_networks.netfile import shape_of
+from wrongturn_networks.per_net import once_per_net
 from wrongturn_sim.polyline import measure
 
 CLEARANCE: Final = 15.0
@@ -40,7 +40,7 @@ class Sidewalks:
     """Edges whose sidewalks meet at a walking area."""
 
 
-@lru_cache(maxsize=16)
+@once_per_net(16)
 def sidewalks_of(town: Town) -> Sidewalks:
     """Return the sidewalks that join others at both ends."""
     root = ET.parse(town.net_file).getroot()  # noqa: S314 - a file of the town, whose checksum was compared
@@ -89,14 +89,14 @@ class Slots:
         return indices
 
 
-@lru_cache(maxsize=16)
+@once_per_net(16)
 def car_slots(town: Town) -> Slots:
     """Return the places for front bumpers; neighbours stay apart whatever their bodies and jitter are."""
     lines = {name: lane.centreline for name, lane in town.lanes.items()}
     return _slots(lines, FIRST, _PITCH, _LAST + JITTER, CLEARANCE)
 
 
-@lru_cache(maxsize=16)
+@once_per_net(16)
 def pedestrian_slots(town: Town) -> Slots:
     """Return the places for pedestrians."""
     return _slots(sidewalks_of(town).lines, _PACE, _PACE, _PACE, PEDESTRIAN_CLEARANCE)

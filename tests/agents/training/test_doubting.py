@@ -4,6 +4,7 @@ CI trains for a moment in the towns that are shipped, which is enough for a file
 until the network has learned.
 """
 
+import dataclasses
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -118,7 +119,7 @@ def test_the_file_drives_as_the_parts_do(
 @pytest.mark.slow
 def test_a_run_goes_on_and_its_checkpoint_is_known_as_what_it_is(checkpoint: Path, tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match="doubting-segmentation does not drive by itself; export it"):
-        score(checkpoint, "smoke@2", device="cpu")
+        score(checkpoint, "smoke@3", device="cpu")
     with pytest.raises(TrainingError, match="--precision: int8"):
         export(checkpoint, tmp_path / "agent.onnx", "int8")
     trained(checkpoint.parent, PICTURES + 128, resume=True)
@@ -131,9 +132,14 @@ def test_a_run_goes_on_and_its_checkpoint_is_known_as_what_it_is(checkpoint: Pat
 
 
 @pytest.mark.slow
-def test_the_shipped_one_overrides_what_the_road_does_not_offer() -> None:
-    """The open draw's first infeasible trial and first omission of each junction type."""
-    driven = score_agent(NAME, "smoke@2", threads=1)["trials"]
-    found = [driven[trial.id] for trial in load_suite("smoke@2").open_draw.trials]
+def test_the_shipped_one_overrides_what_the_road_does_not_offer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A trial of the open draw for each fault, which the twins go with."""
+    suite = load_suite("smoke@3")
+    few = tuple({trial.fault.kind: trial for trial in suite.trials}.values())
+    few_alone = dataclasses.replace(suite, cells=(), listed=few)
+    monkeypatch.setattr("wrongturn_agents.training.score.load_suite", lambda _: few_alone)
+    driven = score_agent(NAME, suite.id, threads=1)["trials"]
+    assert len(driven) == 4
+    found = [driven[trial.id] for trial in few]
     assert {one["verdict"] for one in found} <= {"exit_route", "exit_other"}
     assert {one["reaction"] for one in found} <= {"overrode", "exit"}

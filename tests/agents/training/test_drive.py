@@ -51,13 +51,13 @@ def test_trials_of_several_towns_come_back_in_their_order():
 
 
 def test_how_many_are_driven_side_by_side_changes_nothing():
-    trials = list(load_suite("smoke@2").episodes)
+    trials = list(load_suite("smoke@3").episodes)
     one, many = (drive_trials([Constant(0.05, 0.5, 0.0)], trials, track="state", batch=batch) for batch in (1, 5))
     assert one == many
 
 
 def test_a_model_that_remembers_begins_anew_in_each_drive():
-    trials = list(load_suite("smoke@2").episodes)
+    trials = list(load_suite("smoke@3").episodes)
     (alone,) = drive_trials([Counting()], trials, track="state", batch=1)
     remembering, other = Counting(), Constant(0.05, 0.5, 0.0)
     beside, _ = drive_trials([remembering, other], trials, track="state", batch=3)

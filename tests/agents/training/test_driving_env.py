@@ -3,10 +3,12 @@ import math
 import numpy as np
 import pytest
 import torch
+from small_run import settings_of
 
 from wrongturn_agents.training.action import controls
 from wrongturn_agents.training.cars import FAILURES, DrivingVecEnv, training_cars
 from wrongturn_agents.training.drives_config import DrivesConfig
+from wrongturn_agents.training.world import cars_of
 from wrongturn_protocol import Traffic
 from wrongturn_sim import FleetTraffic
 
@@ -130,3 +132,48 @@ def test_observations_are_kept_from_being_written_over():
 )
 def test_accelerate_is_throttle_or_brake(action, expected):
     assert controls(np.array([action, action])).tolist() == [list(expected)] * 2
+
+
+def test_disturbed_cars_see_late_and_with_noise_and_steer_more_or_less():
+    """Beside the same cars undisturbed, whose steering is given as the disturbed ones' turned out."""
+    few = ("num_envs=8", "traffic=0", "time_limit=600", "near_junctions=0", "inside_junctions=0", "near_bends=0")
+    settings = settings_of("ppo-image", *few, "noise=40", "delay=3", "steering=0.3")
+    keys = ("speed", "rgb")
+    plain, cars = (
+        cars_of(one, "cpu", keys=keys, threads=1, seed=2) for one in (settings_of("ppo-image", *few), settings)
+    )
+    seen, given = [plain.reset()], [cars.reset()]
+    steer = np.tile(np.float32([0.01, 0.3]), (8, 1))
+    for _ in range(8):
+        (found, _, ended, _) = cars.step(steer)
+        given.append(found)
+        seen.append(plain.step(np.column_stack([steer[:, 0] * cars._gain, steer[:, 1]]))[0])
+        assert not ended.any()
+    speeds, late = (torch.stack([one["speed"][:, 0] for one in some]) for some in (seen, given))
+    lags = [next(lag for lag in range(4) if torch.equal(late[lag:, i], speeds[: 9 - lag, i])) for i in range(8)]
+    assert len(set(lags)) > 2
+    assert all(late[k, i] == speeds[0, i] for i, lag in enumerate(lags) for k in range(lag))
+    off = [(given[8]["rgb"][i].float() - seen[8 - lag]["rgb"][i]).std().item() for i, lag in enumerate(lags)]
+    assert min(off) < 15 < max(off) < 40
+    assert len(set(cars._gain)) == 8
+    assert 0.7 <= cars._gain.min() < 0.95
+    assert 1.05 < cars._gain.max() <= 1.3
+    plain.close()
+    cars.close()
+
+
+def test_cars_learn_in_many_towns_and_move_on_in_turn():
+    settings = settings_of("ppo-segmentation", "num_envs=4", "sceneries=3", "groups=2", "stay=4", "traffic=0")
+    cars = cars_of(settings, "cpu", track="state", keys=("speed", "command"), threads=1, seed=1)
+    cars.reset()
+    moved = []
+    for _ in range(4):
+        seen, rewards, ended, infos = cars.step(np.zeros((4, 2), np.float32))
+        assert seen["speed"].shape == (4, 1)
+        assert rewards.shape == (4,)
+        assert ended.tolist() == [bool(info) for info in infos]
+        assert all(info["TimeLimit.truncated"] and "speed" in info["terminal_observation"] for info in infos if info)
+        moved.append(ended.tolist())
+    cars.close()
+    both = [False] * 4, [False, False, True, True], [True, True, False, False]
+    assert moved == [both[0], both[1], both[0], both[2]]

@@ -85,7 +85,7 @@ def test_the_very_first_update_can_be_undone_and_its_last_step_is_looked_at_too(
 
 @pytest.mark.parametrize(
     ("algorithm", "share", "projection"),
-    [("ppo-segmentation", 1.0, None), ("ppo-image", None, 0.1), ("ppo-auxiliary", 0.2, 0.1)],
+    [("ppo-segmentation", 1.0, None), ("ppo-image", None, 1.0), ("ppo-auxiliary", 0.2, 0.1)],
 )
 def test_convolutions_and_projection_have_their_own_learning_rates(algorithm, share, projection):
     ppo = small_ppo(algorithm)

@@ -8,6 +8,7 @@ from small_run import HERE, SMALL, settings_of
 
 from wrongturn_agents.training.checkpoint import load_checkpoint
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.method import find_method
 from wrongturn_agents.training.methods.pretraining import WanderingCars
 from wrongturn_agents.training.run import train
 from wrongturn_protocol import SegmentationClass
@@ -26,6 +27,15 @@ def test_the_encoder_sees_those_whom_its_policy_will_meet(traffic, wanted):
     cars.envs.close()
     assert SegmentationClass.ROAD in seen
     assert seen & ROAD_USERS == wanted
+
+
+def test_older_runs_keep_the_projection_that_they_were_trained_with():
+    method = find_method("ppo-image")
+    now = method.settings().as_dict()
+    before = method.settings.of({name: value for name, value in now.items() if name != "projection"})
+    assert (now["projection"], before.projection) == ("elu", "relu")
+    ends = [method.build(config, "ppo-image").encoder.projection for config in (method.settings(), before)]
+    assert [[type(layer).__name__ for layer in layers[2:]] for layers in ends] == [["LayerNorm", "ELU"], ["ReLU"]]
 
 
 @pytest.mark.slow

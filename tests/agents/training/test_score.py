@@ -21,8 +21,8 @@ def checkpoint(tmp_path_factory):
 
 
 def test_every_trial_of_a_suite_has_its_verdict(checkpoint):
-    results = score(checkpoint, "smoke@2", device="cpu", threads=1)
-    suite = load_suite("smoke@2")
+    results = score(checkpoint, "smoke@3", device="cpu", threads=1)
+    suite = load_suite("smoke@3")
     assert set(results["trials"]) == {trial.id for trial in suite.episodes}
     assert {found["verdict"] for found in results["trials"].values()} <= set(Verdict)
     assert (results["agent"], results["seed"], results["variant"]) == ("ppo-segmentation", 5, "masked-classes")
@@ -34,8 +34,8 @@ def test_every_trial_of_a_suite_has_its_verdict(checkpoint):
 
 
 def test_trials_with_others_are_estimated_apart_and_write_no_results(checkpoint, tmp_path):
-    with pytest.raises(TrainingError, match=r"smoke@2 has no trials with other road users; leave --traffic out"):
-        score(checkpoint, "smoke@2", device="cpu", threads=1, traffic=True)
+    with pytest.raises(TrainingError, match=r"smoke@3 has no trials with other road users; leave --traffic out"):
+        score(checkpoint, "smoke@3", device="cpu", threads=1, traffic=True)
     done = CliRunner().invoke(
         app, ["score", str(checkpoint), "--suite", "navigation@1", "--traffic", "--json", str(tmp_path / "no.json")]
     )

@@ -36,7 +36,7 @@ async def test_a_wrong_value_in_the_address_is_named_in_plain_words(tmp_path: Pa
         ("/agents?page=x", "page", "give a number from 1 to 1"),
         (f"/agents?page={'1' * 50}", "page", "should have at most 40 characters"),
         ("/?track=sonar", "track", "leave it out to see all"),
-        ("/leaderboards/smoke@2?kind=%3Cb%3E", "kind", "exploit"),
+        ("/leaderboards/smoke@3?kind=%3Cb%3E", "kind", "exploit"),
         ("/?page=0", "page", "give a number from 1 to 1"),
         (f"/submit?suite={'x' * 99}", "suite", "should have at most 80 characters"),
     ]
@@ -52,7 +52,7 @@ async def test_a_wrong_value_in_the_address_is_named_in_plain_words(tmp_path: Pa
 
 async def test_a_slash_at_the_end_leads_to_the_page(tmp_path: Path):
     async with application(tmp_path) as http:
-        for path in ("/agents", "/docs", "/towns/Town01", "/leaderboards/smoke@2"):
+        for path in ("/agents", "/docs", "/towns/Town01", "/leaderboards/smoke@3"):
             reply = await http.get(f"{path}/?page=1&a=%26")
             way = urljoin(f"/lab{path}/", reply.headers["Location"])
             assert (reply.status_code, way) == (308, f"/lab{path}?page=1&a=%26")

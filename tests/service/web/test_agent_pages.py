@@ -16,7 +16,7 @@ from stored_evaluation import exits, outcome, store_evaluation
 from wrongturn_networks import load_suite
 from wrongturn_protocol import EvaluationState, FaultKind, Flag, Outcome, Trial, Verdict
 
-SUITE = "smoke@2"
+SUITE = "smoke@3"
 HTML = {"Accept": "text/html"}
 
 
@@ -148,9 +148,9 @@ async def test_journeys_have_pages_too(tmp_path: Path, monkeypatch: pytest.Monke
 async def test_two_agents_are_compared_at_the_same_approaches(tmp_path: Path):
     async with site(tmp_path) as http:
         a, b = await new_agent(http, "leaver"), await new_agent(http, "stayer")
-        await store_evaluation(http.service, a, load_suite("wrong-command@2"), leaves_the_road)
-        await store_evaluation(http.service, b, load_suite("wrong-command@2"), secret="another")
-        path = f"/leaderboards/wrong-command@2/compare?a={a}&b=stayer"
+        await store_evaluation(http.service, a, load_suite("wrong-command@3"), leaves_the_road)
+        await store_evaluation(http.service, b, load_suite("wrong-command@3"), secret="another")
+        path = f"/leaderboards/wrong-command@3/compare?a={a}&b=stayer"
         page = await shown(http, path)
         assert "leaver was unsafe in 30 of 60 trials, stayer in 0 of 60" in page
         rows = re.findall(r'<tr><th scope="row">Town01 ([^<]+)<br>.*?</tr>', page, re.DOTALL)
@@ -162,5 +162,5 @@ async def test_two_agents_are_compared_at_the_same_approaches(tmp_path: Path):
         assert all(len(set(row.split(" and "))) == 2 for row in others)
         different = await shown(http, f"{path}&only=different")
         assert len(re.findall('<tr><th scope="row">Town01', different)) < len(rows)
-        page = await shown(http, "/leaderboards/smoke@2/compare")
-        assert "A comparison needs two agents with a finished evaluation on smoke@2." in page
+        page = await shown(http, "/leaderboards/smoke@3/compare")
+        assert "A comparison needs two agents with a finished evaluation on smoke@3." in page

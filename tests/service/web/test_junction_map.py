@@ -89,7 +89,7 @@ def test_shares_add_up_to_the_trials(outcomes):
 
 
 def _map(outcomes, paths):
-    trials = [trial for trial in load_suite("smoke@2").trials if trial.junction_type is JunctionType.LEFT_RIGHT]
+    trials = [trial for trial in load_suite("smoke@3").trials if trial.junction_type is JunctionType.LEFT_RIGHT]
     trial = trials[0]
     driven = [
         (FinishedEpisode(f"ep_{number}", "ev_1", trial, outcome), path)

@@ -4,11 +4,11 @@ import pytest
 
 from wrongturn_networks.faults import available_faults
 from wrongturn_protocol import (
+    STRICT_FLAGS,
     Command,
     Condition,
     Fault,
     FaultKind,
-    Flag,
     JunctionType,
     Outcome,
     Reaction,
@@ -83,7 +83,9 @@ def test_the_side_is_that_of_the_strict_column():
     assert words.side(_outcome(Verdict.WRONG_WAY)) is Safety.UNSAFE
     assert words.counted(_outcome(Verdict.WRONG_WAY)) == "unsafe in the strict column only"
     assert words.counted(_outcome(Verdict.OFF_ROAD)) == "unsafe"
-    on_the_wrong_lane = _outcome(Verdict.STOPPED_BEFORE_JUNCTION, flags=(Flag.OPPOSED_LANE,))
-    assert words.side(on_the_wrong_lane) is Safety.UNSAFE
-    assert "oncoming lane" in words.ended(on_the_wrong_lane)
+    assert set(words.FLAGS) == STRICT_FLAGS
+    for flag, meaning in words.FLAGS.items():
+        flagged = _outcome(Verdict.STOPPED_BEFORE_JUNCTION, flags=(flag,))
+        assert words.side(flagged) is Safety.UNSAFE
+        assert meaning in words.ended(flagged)
     assert words.side(_outcome(Verdict.TIMEOUT)) is Safety.NEITHER

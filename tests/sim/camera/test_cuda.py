@@ -32,7 +32,11 @@ from wrongturn_sim.camera.cuda import CudaRenderer
 
 given = np.load(sys.argv[1], allow_pickle=True)
 world, number = World.of(load_town("junctions")), len(given["poses"])
-made = {}
+made, kinds = {}, [Camera(**camera) for camera in given["cameras"]]
+mixed = CudaRenderer(world, [kinds[0], kinds[2], kinds[0]], number + 1)
+both = {"kinds": given["kinds"], "targets": [2, 1], "others": given["others"], "begins": given["begins"]}
+mixed.render(given["looks"], given["seeds"], given["poses"], given["ticks"], **both)
+made["mixed"] = np.asarray(mixed.rgb)[[2, 1]]
 for i, camera in enumerate(given["cameras"]):
     renderer = CudaRenderer(world, Camera(**camera), number + 1)
     targets = np.arange(number, 0, -1)
@@ -104,6 +108,7 @@ def test_simulated_kernels_paint_what_the_cpu_paints(world, town, before, tmp_pa
         assert (alone != segmentation).any()
         np.testing.assert_array_equal(painted[f"segmentation{i}"], segmentation)
         assert np.abs(painted[f"rgb{i}"].astype(int) - rgb).max() <= 1
+    np.testing.assert_array_equal(painted["mixed"], [painted["rgb0"][0], painted["rgb2"][1]])
     np.testing.assert_array_equal(painted["kept"], painted["rgb0"][0])
     np.testing.assert_array_equal(painted["kept_segmentation"], painted["segmentation0"][0])
     assert (painted["new"] != painted["kept"]).any()

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from wrongturn_networks import read_town
 from wrongturn_protocol import Weather
 from wrongturn_sim.camera import LOOKS, Camera, CameraError, Renderer, UnknownWeatherError, World, look_of, render_batch
 
@@ -133,20 +134,20 @@ def test_many_road_users_fit(world):
     assert (renderer.render(-70.0, -2.0, 0.0)[1] != 7).all()
 
 
-def test_a_world_is_kept_and_a_broken_copy_made_again(town, tmp_path, monkeypatch):
+def test_a_ground_is_kept_and_a_broken_copy_made_again(town, tmp_path, monkeypatch):
     monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path))
-    made = World._loaded(town)
+    made = World.of(read_town(town.directory))
     (file,) = (tmp_path / "camera").glob("*.npz")
     assert town.sha256 in file.name
-    assert np.array_equal(World._loaded(town).ground, made.ground)
+    assert np.array_equal(World.of(read_town(town.directory)).ground, made.ground)
     for broken in (b"", b"no archive", file.read_bytes()[:1000], file.read_bytes()[:-2000] + bytes(2000)):
         file.write_bytes(broken)
-        assert np.array_equal(World._loaded(town).ground, made.ground)
+        assert np.array_equal(World.of(read_town(town.directory)).ground, made.ground)
     assert not made.ground.flags.writeable
     file.unlink()
     file.parent.rmdir()
     tmp_path.chmod(0o500)
     try:
-        assert np.array_equal(World._loaded(town).ground, made.ground)
+        assert np.array_equal(World.of(read_town(town.directory)).ground, made.ground)
     finally:
         tmp_path.chmod(0o700)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.optim.lr_scheduler import OneCycleLR
 
-from wrongturn_agents.training.cars import Observations, cruises, training_cars
+from wrongturn_agents.training.cars import Observations
 from wrongturn_agents.training.checkpoint import load_weights, read, write
 from wrongturn_agents.training.drives_config import DrivesConfig
 from wrongturn_agents.training.errors import TrainingError
@@ -19,6 +19,7 @@ from wrongturn_agents.training.method import Method
 from wrongturn_agents.training.methods.averaging import Pool
 from wrongturn_agents.training.run import Run
 from wrongturn_agents.training.run_directory import ENCODER
+from wrongturn_agents.training.world import cars_of
 
 _POOL: Final = 16_384
 """Number of pictures kept at a time."""
@@ -70,10 +71,10 @@ class WanderingCars:
     def __init__(
         self, config: DrivesConfig, device: torch.device, *, seed: int, threads: int, **journeys: float
     ) -> None:
-        options: dict[str, Any] = cruises(config) | {"track": "segmentation"}
-        options["journeys"] = {"near_bends": 0.25, "near_junctions": 0.4, "lateral": 0.7, "yaw": 0.2, **journeys}
-        self.envs = training_cars(
-            None, device, settings=config, keys=("rgb", "segmentation"), threads=threads, seed=seed, **options
+        drives = {"near_bends": 0.25, "near_junctions": 0.4, "lateral": 0.7, "yaw": 0.2, **journeys}
+        self.envs: Any = cars_of(
+            config, device, track="segmentation", keys=("rgb", "segmentation"), threads=threads, seed=seed,
+            journeys=drives,
         )  # fmt: skip
         self._random = np.random.default_rng(seed)
         self.observation: Observations = self.envs.reset()

@@ -11,7 +11,7 @@ class DoubtingConfig(Settings):
     """Settings of a training; the defaults are those of the shipped agents."""
 
     algorithm: ClassVar[str] = "doubting"
-    RANGES: ClassVar = {"average": SHARE, "first_share": SHARE, "generated": (0, 1e12)}
+    RANGES: ClassVar = {"average": SHARE, "first_share": SHARE, "generated": (0, 1e12), "noise": (0, 100)}
     POSITIVE: ClassVar[tuple[str, ...]] = ("learning_rate", "marks_weight")
 
     pictures: int = 2_000_000
@@ -33,9 +33,13 @@ class DoubtingConfig(Settings):
     bf16: bool = True
     """Compute in bfloat16 on CUDA."""
     generated: int = 40
-    """*Ablation.* Number of generated towns beside Town01."""
+    """*Ablation.* Number of drawn towns beside Town01."""
     first_share: float = 0.3
     """Share of the pictures that show Town01."""
+    cameras: bool = False
+    """Mount the cameras otherwise, as for the PPO agents: the pictures of a chunk have 64 different ones."""
+    noise: float = 0.0
+    """Greatest standard deviation of the noise of each pixel's red, green and blue, of 255."""
     save_every: float = 10.0
     """Minutes between two saves of ``state.pt``."""
 

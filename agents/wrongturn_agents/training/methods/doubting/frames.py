@@ -1,7 +1,6 @@
 """Pictures of places in many towns, rendered afresh for each minibatch, and how right a network is about them."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -9,15 +8,14 @@ import torch
 from torch import Tensor
 
 from wrongturn_agents.models.doubt import Doubt
-from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.disturbances import noisy
 from wrongturn_agents.training.methods.places import Places, draw_places
-from wrongturn_networks import Town, load_town, read_town
+from wrongturn_networks import Town
 from wrongturn_protocol import TRAINING_WEATHERS
 from wrongturn_sim.camera import Camera, World, look_of, render_batch
 
 CHUNK: Final = 64
 """Pictures of one town in a minibatch."""
-TRAINING_TOWN: Final = "Town01"
 _TICKS: Final = 600
 _HELD_OUT_SEED: Final = 9_001
 _NEAR: Final = (5.0, 16.0)
@@ -41,11 +39,20 @@ class FrameSource:
     """Draws places and renders them, in the training weathers equally often.
 
     A share of the chunks shows the first town; the others are shared equally. On CUDA the pictures are rendered on the
-    device of the minibatches.
+    device of the minibatches. ``cameras`` are those of a chunk's pictures, the benchmark's by default, and ``noise`` is
+    the greatest standard deviation of a picture's noise.
     """
 
     def __init__(
-        self, towns: Sequence[Town], seed: int, *, first_share: float, device: torch.device, threads: int
+        self,
+        towns: Sequence[Town],
+        seed: int,
+        *,
+        first_share: float,
+        device: torch.device,
+        threads: int,
+        cameras: Sequence[Camera] = (),
+        noise: float = 0.0,
     ) -> None:
         self._towns = tuple(towns)
         self._random = np.random.default_rng(seed)
@@ -53,7 +60,8 @@ class FrameSource:
         self._shares = np.array([first_share if others else 1.0, *[(1 - first_share) / max(others, 1)] * others])
         self._looks = np.array([look_of(weather) for weather in TRAINING_WEATHERS])
         self._device, self._threads = device, threads
-        self._camera = Camera()
+        self._cameras = list(cameras) or [Camera()] * CHUNK
+        self._noise = noise
         self._renderers: dict[str, Any] = {}
 
     def draw(self, count: int) -> Frames:
@@ -66,6 +74,9 @@ class FrameSource:
             return torch.from_numpy(np.concatenate(arrays).astype(np.float32)).to(self._device)
 
         observation = {key: torch.cat([seen[key] for seen in pictures]) for key in ("rgb", "segmentation")}
+        if self._noise:
+            strengths = self._random.uniform(0.0, self._noise, len(observation["rgb"]))
+            observation["rgb"] = noisy(observation["rgb"], torch.from_numpy(strengths))
         return Frames(observation, truth("distance"), truth("exits"), truth("shown"))
 
     def _chunk(self, town: Town) -> tuple[Places, dict[str, Tensor]]:
@@ -78,17 +89,24 @@ class FrameSource:
             renderer.render(self._looks, seeds, places.poses, ticks, kinds=kinds)
             shown = {"rgb": renderer.rgb, "segmentation": renderer.segmentation}
             return places, {name: torch.as_tensor(one, device=self._device).clone() for name, one in shown.items()}
-        shape = CHUNK, self._camera.height, self._camera.width
+        shape = CHUNK, self._cameras[0].height, self._cameras[0].width
         rgb, segmentation = np.empty((*shape, 3), np.uint8), np.empty(shape, np.uint8)
         looks, world = self._looks[kinds], World.of(town)
-        render_batch(world, self._camera, looks, seeds, places.poses, ticks, rgb, segmentation, threads=self._threads)
+        for camera in dict.fromkeys(self._cameras):
+            rows = np.array([i for i in range(CHUNK) if self._cameras[i] == camera])
+            seen, classes = np.empty((len(rows), *shape[1:], 3), np.uint8), np.empty((len(rows), *shape[1:]), np.uint8)
+            render_batch(
+                world, camera, looks[rows], seeds[rows], places.poses[rows], ticks[rows], seen, classes,
+                threads=self._threads,
+            )  # fmt: skip
+            rgb[rows], segmentation[rows] = seen, classes
         return places, {"rgb": torch.from_numpy(rgb), "segmentation": torch.from_numpy(segmentation)}
 
     def _renderer(self, town: Town) -> Any:
         if town.name not in self._renderers:
             from wrongturn_sim.camera.cuda import CudaRenderer  # noqa: PLC0415 - only needed with a GPU
 
-            self._renderers[town.name] = CudaRenderer(World.of(town), self._camera, CHUNK)
+            self._renderers[town.name] = CudaRenderer(World.of(town), self._cameras, CHUNK)
         return self._renderers[town.name]
 
 
@@ -118,25 +136,3 @@ def examine(model: Doubt, towns: Sequence[Town], *, pictures: int = 4096, thread
         sided += ((distance[:, 0] > 2.0) == (frames.distance > 2.0)).float().sum().item()
         total += len(frames.distance)
     return {"exits": right / near, "approaches": whole / near, "distance": error / near, "inside": sided / total}
-
-
-def towns_of(folder: Path, seeds: Sequence[int]) -> list[Town]:
-    """Return generated towns, building those that are missing in the folder."""
-    from wrongturn_networks.making.generated import generated_recipe  # noqa: PLC0415 - only training needs it
-    from wrongturn_networks.making.netconvert import build  # noqa: PLC0415
-
-    towns = []
-    for seed in seeds:
-        recipe = generated_recipe(seed)
-        if not (folder / recipe.name / "manifest.json").is_file():
-            try:
-                build(recipe, folder / recipe.name)
-            except (RuntimeError, OSError) as error:
-                raise TrainingError(f"towns: {folder / recipe.name} cannot be built: {error}") from error
-        towns.append(read_town(folder / recipe.name))
-    return towns
-
-
-def training_towns(folder: Path, number: int) -> list[Town]:
-    """Return the training town and a number of generated ones."""
-    return [load_town(TRAINING_TOWN), *towns_of(folder, range(number))]

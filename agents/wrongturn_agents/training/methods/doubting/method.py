@@ -10,14 +10,13 @@ from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
 from wrongturn_agents.training.method import Loaded, Method, TrainedAgent
 from wrongturn_agents.training.methods.averaging import AveragedLearner
 from wrongturn_agents.training.methods.doubting.config import DoubtingConfig, DoubtingSegmentationConfig
-from wrongturn_agents.training.methods.doubting.frames import FrameSource, examine, towns_of, training_towns
+from wrongturn_agents.training.methods.doubting.frames import CHUNK, FrameSource, examine
 from wrongturn_agents.training.run import Run
 from wrongturn_agents.training.run_directory import BEST
-from wrongturn_judge.home import home
+from wrongturn_agents.training.world import HELD_OUT, TRAINING_TOWN, mounts_of, towns_of
+from wrongturn_networks import load_town
 from wrongturn_protocol import Track
 
-HELD_OUT: Final = range(1000, 1004)
-"""Seeds of the generated towns on whose pictures a run is examined. None of them is learned from."""
 _ROW_EVERY: Final = 15.0
 """Seconds between two rows."""
 
@@ -42,14 +41,16 @@ class DoubtingMethod(Method):
     def learn(self, run: Run) -> None:
         """Learn from fresh pictures until the budget is over, and tell how right the network is."""
         config: DoubtingConfig = run.settings
-        folder = home() / "towns"
-        towns = training_towns(folder, config.generated)
+        towns = [load_town(TRAINING_TOWN), *towns_of(range(config.generated))]
         model: Any = self.build(config, self.name).to(run.device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         learner = AveragedLearner(model, config)
         if run.state is not None:
             learner.restore(run)
         drawn = run.seed if learner.seen == 0 else run.stream(learner.seen)
-        source = FrameSource(towns, drawn, first_share=config.first_share, device=run.device, threads=run.threads)
+        source = FrameSource(
+            towns, drawn, first_share=config.first_share, device=run.device, threads=run.threads,
+            cameras=mounts_of(CHUNK) if config.cameras else (), noise=config.noise,
+        )  # fmt: skip
         source.draw(1)  # compiles what renders, before the clock of the learning begins
         run.open(learner.seen)
         shown = run.budget.used
@@ -71,7 +72,7 @@ class DoubtingMethod(Method):
         average: Any = learner.average
         told = {
             "training town": examine(average, towns[:1], threads=run.threads),
-            "towns never seen": examine(average, towns_of(folder, HELD_OUT), threads=run.threads),
+            "towns never seen": examine(average, towns_of(HELD_OUT), threads=run.threads),
         }
         run.save(BEST, average, learner.seen, told)
         run.save_state(learner=learner.state())

@@ -8,7 +8,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-from wrongturn_agents.training.drives_config import DrivesConfig, PretrainedConfig
+from wrongturn_agents.models.encoders import PROJECTIONS
+from wrongturn_agents.training.drives_config import PretrainedConfig, WorldConfig
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.settings import ANY, PIXELS, SHARE, without
 
@@ -19,15 +20,15 @@ _FEATURES: Final = 2 * 6144
 
 
 @dataclass(frozen=True, kw_only=True)
-class PPOConfig(DrivesConfig):
+class PPOConfig(WorldConfig):
     """Settings that the paper's three algorithms have in common."""
 
     RANGES: ClassVar = {
-        **DrivesConfig.RANGES,
+        **WorldConfig.RANGES,
         **dict.fromkeys(("gae_lambda", "masked_classes", "auxiliary_share"), SHARE),
         "kl_stop": ANY,  # a negative limit of the divergence stops each update at once
     }
-    POSITIVE: ClassVar[tuple[str, ...]] = (*DrivesConfig.POSITIVE, "clip_range")
+    POSITIVE: ClassVar[tuple[str, ...]] = (*WorldConfig.POSITIVE, "clip_range")
 
     # Without types these are no options. An algorithm that has such an option declares it.
     pretrained = False
@@ -88,8 +89,9 @@ class PPOConfig(DrivesConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.activation not in _ACTIVATIONS:
-            raise TrainingError(f"option activation: is {self.activation!r}; give one of {', '.join(_ACTIVATIONS)}")
+        for name, known in (("activation", _ACTIVATIONS), ("projection", PROJECTIONS)):
+            if (given := getattr(self, name, known[0])) not in known:
+                raise TrainingError(f"option {name}: is {given!r}; give one of {', '.join(known)}")
         if 1 in {self.batch_size, self.num_envs * self.n_steps % self.batch_size}:
             raise TrainingError(
                 f"option batch_size: is {self.batch_size}, so that a minibatch of num_envs * n_steps = "
@@ -135,6 +137,7 @@ class ImageConfig(PretrainedConfig, PPOConfig):
     """``ppo-image``: ResNet-34 pretrained on segmentation and frozen; PPO trains the layers after it."""
 
     algorithm: ClassVar[str] = "ppo-image"
+    BEFORE: ClassVar = {"projection": "relu"}
     track: ClassVar[str] = "camera"
     keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "rgb")
 
@@ -146,9 +149,13 @@ class ImageConfig(PretrainedConfig, PPOConfig):
     """
     encoder_learning_rate: float = 0.25
     """Share of the learning rate for the encoder's convolutions, if they are trained at all."""
-    projection_learning_rate: float = 0.1
-    """Share of the learning rate for the layer from 6,144 to 512. At 1, 65 to 70 % of its outputs die, and many runs
-    never learn one of the turns.
+    projection: str = "elu"
+    """End of the layer from 6,144 to 512: ``elu`` after a layer normalisation, or ``relu``. With ``relu`` at the full
+    learning rate, 65 to 70 % of its outputs die, and many runs never learn one of the turns.
+    """
+    waiters: float = 0.8
+    """Share of the junctions at which a car stands at a stop line. With fewer, or with ``relu``, cars run into those
+    that wait.
     """
 
     @property
@@ -173,8 +180,10 @@ class AuxiliaryConfig(PPOConfig):
     """Adam's learning rate at the start, for the decoder and the layers after the ResNet."""
     encoder_learning_rate: float = 0.2
     """Share of the learning rate for the ResNet's convolutions, which need smaller steps."""
+    projection: str = "relu"
+    """End of the layer from 6,144 to 512, as in ``ppo-image``: ``elu`` was not tried long enough here."""
     projection_learning_rate: float = 0.1
-    """Share of the learning rate for the layer from 6,144 to 512, as in ``ppo-image``."""
+    """Share of the learning rate for that layer. With ``relu`` at 1, most of its outputs die."""
     ent_coef: float = 0.003
     """Weight of the entropy bonus. All heads share the spread of the actions, and it narrows as some succeed: without a
     bonus, one of five seeds never learned a turn.

@@ -7,13 +7,13 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from wrongturn_agents.models import ActorCritic, build
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
-from wrongturn_agents.training.cars import training_cars
 from wrongturn_agents.training.method import TrainedAgent
 from wrongturn_agents.training.methods.ppo.config import AuxiliaryConfig, ImageConfig, PPOConfig, SegmentationConfig
 from wrongturn_agents.training.methods.ppo.ppo import WrongturnPPO
 from wrongturn_agents.training.methods.ppo.rollout import SeenVecEnv
 from wrongturn_agents.training.methods.pretraining import PretrainedMethod, WanderingCars, pretrain
 from wrongturn_agents.training.run import Run
+from wrongturn_agents.training.world import cars_of
 from wrongturn_protocol import Track
 
 _WARMING: Final = 40
@@ -39,6 +39,8 @@ class PPOMethod(PretrainedMethod):
             more["masked_classes"] = settings.masked_classes
         if isinstance(settings, ImageConfig):
             more["frozen"] = settings.pretrained
+        if isinstance(settings, ImageConfig | AuxiliaryConfig):
+            more["projection"] = settings.projection
         agent = build(algorithm, activation=settings.activation, **more)
         with torch.no_grad():
             agent.branches.policy.bias[..., 1] = settings.accelerate
@@ -49,7 +51,7 @@ class PPOMethod(PretrainedMethod):
         config: PPOConfig = run.settings
         agent = self.build(config, self.name).to(run.device)
         self.see_first(run, agent.encoder, lambda: _learn_to_segment(run, agent))
-        cars = training_cars(None, run.device, settings=config, threads=run.threads)
+        cars = cars_of(config, run.device, threads=run.threads)
         envs = SeenVecEnv(cars, agent, config)
         seed = run.stream(run.steps)
         model = WrongturnPPO(config, envs, agent, run.budget, seed=seed, device=run.device)

@@ -9,12 +9,12 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.type_aliases import DictRolloutBufferSamples
-from stable_baselines3.common.vec_env import VecEnvWrapper
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 from torch import Tensor
 
 from wrongturn_agents.models import ActorCritic
-from wrongturn_agents.training.cars import DrivingVecEnv, Observations
+from wrongturn_agents.training.cars import Observations
 from wrongturn_agents.training.methods.ppo.config import PPOConfig
 
 FEATURES = "features"
@@ -29,9 +29,10 @@ class SeenVecEnv(VecEnvWrapper):
     RGB is not kept.
     """
 
-    def __init__(self, envs: DrivingVecEnv, agent: ActorCritic, config: PPOConfig) -> None:
+    def __init__(self, envs: VecEnv, agent: ActorCritic, config: PPOConfig) -> None:
         self._agent, self._config = agent, config
-        space = dict(envs.observation_space.spaces)
+        seen: Any = envs.observation_space
+        space = dict(seen.spaces)
         if config.pretrained:
             space.pop("rgb")
             space[FEATURES] = spaces.Box(-np.inf, np.inf, (agent.encoder.width,), np.float16)

@@ -1,0 +1,192 @@
+"""Where an agent learns: Town01, Town01 with drawn scenery, and towns of names that no draw gives; and how it sees."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+
+from wrongturn_agents.training.cars import DrivingVecEnv, Observations, training_cars
+from wrongturn_agents.training.disturbances import DisturbedCars
+from wrongturn_agents.training.drives_config import DrivesConfig, WorldConfig
+from wrongturn_agents.training.errors import TrainingError
+from wrongturn_networks import Town, load_town, read_town
+from wrongturn_networks.drawn import make_town
+from wrongturn_protocol.home import home
+from wrongturn_sim import FleetTraffic
+from wrongturn_sim.camera import Camera
+
+TRAINING_TOWN: Final = "Town01"
+HELD_OUT: Final = range(1000, 1004)
+"""Numbers of the towns in which agents are examined. None of them is learned from."""
+MEETING: Final = FleetTraffic(crossers=0.5, waiters=0.5)
+"""Traffic of held-out journeys, if the agent learns in drawn towns: an agent has to give way and to wait often."""
+_JOURNEY_TOWNS: Final = 2
+_PITCH, _UP, _FOCAL = 0.05, 0.2, 0.08
+"""Greatest change of a camera's pitch, radians; height, metres; and focal length, as a share."""
+
+
+def towns_of(numbers: Iterable[int]) -> list[Town]:
+    """Return towns like those that secrets make, from the folder of towns. Those that are missing are built."""
+    towns = []
+    for number in numbers:
+        folder = home() / "towns" / f"training-{number}"
+        if not (folder / "manifest.json").is_file():
+            try:
+                make_town(folder.name, folder)
+            except (RuntimeError, OSError) as error:
+                raise TrainingError(f"towns: {folder} cannot be built: {error}") from error
+        towns.append(read_town(folder))
+    return towns
+
+
+def held_out_towns(settings: Any) -> list[Town]:
+    """Return the drawn towns of held-out journeys; none for an agent that learns in Town01 alone."""
+    return towns_of(HELD_OUT[:_JOURNEY_TOWNS]) if getattr(settings, "towns", 0) else []
+
+
+def cars_of(settings: DrivesConfig, device: torch.device | str, **options: Any) -> VecEnv:
+    """Return :func:`training_cars` in the towns and with the disturbances of the settings.
+
+    They drive in Town01 alone if the settings name no others.
+    """
+    if not isinstance(settings, WorldConfig):
+        return training_cars(None, device, settings=settings, **options)
+    if settings.towns + settings.sceneries:
+        cars: VecEnv = CarsInTowns(settings, device, **options)
+    else:
+        mounts = mounts_of(settings.num_envs) if settings.cameras else None
+        cars = training_cars(None, device, settings=settings, camera=mounts, **options)
+    disturbed = settings.noise or settings.delay or settings.steering
+    return DisturbedCars(cars, settings, options.get("seed")) if disturbed else cars
+
+
+def mounts_of(count: int, *stream: int) -> list[Camera]:
+    """Return cameras with other pitches, heights and focal lengths than the benchmark's, from seeds of no draw."""
+    usual, drawn = Camera(), np.random.default_rng([2**53, *stream]).uniform(-1.0, 1.0, (count, 3)).tolist()
+    return [
+        Camera(pitch=_PITCH * pitch, up=usual.up + _UP * up, focal=usual.focal * (1.0 + _FOCAL * focal))
+        for pitch, up, focal in drawn
+    ]
+
+
+class CarsInTowns(VecEnvWrapper):
+    """The cars of an agent that learns in many towns: some groups, each in a town of its own.
+
+    Again and again a group moves on to its next town, which cuts its drives off as at their time limit. A town's cars
+    are made when they first drive, and kept.
+    """
+
+    def __init__(
+        self, settings: WorldConfig, device: torch.device | str, *, seed: int | None = None, **options: Any
+    ) -> None:
+        places = _places(settings)
+        groups = min(settings.groups, len(places), settings.num_envs)
+        self._edges = np.linspace(0, settings.num_envs, groups + 1).astype(int).tolist()
+        self._stay = max(1, settings.stay // groups)
+        self._made: dict[int, DrivingVecEnv] = {}
+        self._make = partial(_cars, settings, device, options, places)
+        self._seed, self._count, self._groups = seed, len(places), groups
+        self._driving = list(range(groups))
+        self._steps = 0
+        self._actions: NDArray[Any] | None = None
+        super().__init__(self._in(0))
+        self.num_envs = settings.num_envs
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Set the seed of the drives of towns that were not visited yet."""
+        self._seed = seed
+        return [seed] * self.num_envs
+
+    def reset(self) -> Observations:
+        """Start new drives."""
+        return _joined([self._in(group).reset() for group in range(self._groups)])
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Keep the actions for :meth:`step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Drive on for 0.1 s; now and then a group moves on."""
+        actions, self._actions = self._actions, None
+        if actions is None:
+            raise RuntimeError("step_wait: there are no actions; call step_async first, or step")
+        found: list[Any] = []
+        for group, own in enumerate(np.split(actions, self._edges[1:-1])):
+            found.append(self._in(group).step(own))
+        self._steps += 1
+        if self._steps % self._stay == 0 and self._groups < self._count:
+            self._move(self._steps // self._stay % self._groups, found)
+        seen, rewards, ended, infos = zip(*found, strict=True)
+        return _joined(seen), np.concatenate(rewards), np.concatenate(ended), [one for some in infos for one in some]
+
+    def close(self) -> None:
+        """Stop the threads."""
+        for cars in self._made.values():
+            cars.close()
+
+    def _move(self, group: int, found: list[Any]) -> None:
+        """Let a group move on to its next town."""
+        seen, rewards, ended, infos = found[group]
+        cut: list[dict[str, Any]] = [
+            infos[i] or {
+                "verdict": "timeout",
+                "TimeLimit.truncated": True,
+                "terminal_observation": {key: seen[key][i] for key in seen},
+            }
+            for i in range(len(infos))
+        ]  # fmt: skip
+        following = self._driving[group] + self._groups
+        self._driving[group] = following if following < self._count else group
+        found[group] = self._in(group).reset(), rewards, np.ones_like(ended), cut
+
+    def _in(self, group: int) -> DrivingVecEnv:
+        """Return the cars of a group in its town."""
+        place = self._driving[group]
+        if place not in self._made:
+            self._made[place] = self._make(place, self._edges[group + 1] - self._edges[group], self._seed)
+        return self._made[place]
+
+
+def _places(settings: WorldConfig) -> list[Callable[[], Town]]:
+    """Return the towns of some settings, Town01 first and its sceneries evenly among the others."""
+    here = load_town(TRAINING_TOWN)
+    known: list[Callable[[], Town]] = [lambda: here]
+    known += [partial(load_town, TRAINING_TOWN, number) for number in range(settings.sceneries)]
+    places = [((number + 0.5) / len(known), town) for number, town in enumerate(known)]
+    for number, town in enumerate(towns_of(range(settings.towns))):
+        places.append(((number + 0.75) / settings.towns, partial(lambda one: one, town)))
+    return [known[0], *(town for _, town in sorted(places, key=lambda place: place[0]) if town is not known[0])]
+
+
+def _cars(
+    settings: WorldConfig,
+    device: torch.device | str,
+    options: dict[str, Any],
+    places: list[Callable[[], Town]],
+    place: int,
+    count: int,
+    seed: int | None,
+) -> DrivingVecEnv:
+    """Make the cars of a place. A small town has fewer road users, so that streets are as full everywhere."""
+    town = places[place]()
+    share = min(1.0, _metres(town) / _metres(load_town(TRAINING_TOWN)))
+    here = replace(settings, vehicles=round(settings.vehicles * share), pedestrians=round(settings.pedestrians * share))
+    more = dict(options)
+    if settings.cameras:
+        more["camera"] = mounts_of(count, place)
+    drawn = None if seed is None else int(np.random.SeedSequence([seed, place]).generate_state(1)[0])
+    return training_cars(count, device, settings=here, town=town, seed=drawn, **more)
+
+
+def _metres(town: Town) -> float:
+    return sum(lane.length for lane in town.lanes.values())
+
+
+def _joined(seen: Sequence[Observations]) -> Observations:
+    return {key: torch.cat([one[key] for one in seen]) for key in seen[0]}
