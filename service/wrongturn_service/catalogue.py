@@ -56,9 +56,7 @@ def town(name: str, scenery: int | None = None) -> Town:
     """
     if is_drawn(name) and not is_built(name):
         detail = f"town: {name} is not here; the page of an evaluation that was driven there builds it again"
-        raise NotFoundError(
-            ProblemType.UNKNOWN_TOWN, detail, errors=(FieldError(path="town", message=detail.removeprefix("town: ")),)
-        )
+        raise _not_found(detail, "town", ProblemType.UNKNOWN_TOWN)
     return _find(lambda: load_town(name, scenery), "town", ProblemType.UNKNOWN_TOWN)
 
 
@@ -113,7 +111,8 @@ def _find(look: Callable[[], _T], path: str, kind: ProblemType) -> _T:
     try:
         return look()
     except (UnknownSuiteError, UnknownTownError, UnknownTrialError, UnknownApproachError) as error:
-        message = str(error)[:_LONGEST]
-        raise NotFoundError(
-            kind, message, errors=(FieldError(path=path, message=message.removeprefix(f"{path}: ")),)
-        ) from error
+        raise _not_found(str(error)[:_LONGEST], path, kind) from error
+
+
+def _not_found(message: str, path: str, kind: ProblemType) -> NotFoundError:
+    return NotFoundError(kind, message, errors=(FieldError(path=path, message=message.removeprefix(f"{path}: ")),))

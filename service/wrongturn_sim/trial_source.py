@@ -44,14 +44,18 @@ def picture_size(camera: "Camera | Sequence[Camera] | None", count: int = 1) -> 
     """
     if camera is None:
         return IMAGE_SHAPE
-    from wrongturn_sim.camera import Camera  # noqa: PLC0415 - slow, and most environments need none of their own
+    # Slow, and most environments need none of their own.
+    from wrongturn_sim.camera import Camera, CameraError  # noqa: PLC0415
+    from wrongturn_sim.camera.pinhole import one_size  # noqa: PLC0415
 
     cameras = camera if isinstance(camera, Sequence) else [camera]
     if not all(isinstance(one, Camera) for one in cameras):
         raise OptionError(f"camera: is {camera!r}; give a wrongturn_sim.camera.Camera")
-    if cameras is camera and (len(cameras) != count or len({(one.height, one.width) for one in cameras}) > 1):
-        raise OptionError(f"camera: there are {len(cameras)}; give one for all, or {count} with pictures of one size")
-    return cameras[0].height, cameras[0].width
+    try:
+        one = one_size(cameras, count if cameras is camera else 1)
+    except CameraError as error:
+        raise OptionError(str(error)) from error
+    return one.height, one.width
 
 
 class TrialSource:

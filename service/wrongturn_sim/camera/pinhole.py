@@ -121,5 +121,5 @@ class Camera:
 def one_size(cameras: Sequence[Camera], count: int) -> Camera:
     """Return the first of several cameras. Raises CameraError if there are not ``count`` or their sizes differ."""
     if len(cameras) != count or len({(one.width, one.height) for one in cameras}) != 1:
-        raise CameraError(f"camera: there are {len(cameras)}; give one, or {count} of one size")
+        raise CameraError(f"camera: there are {len(cameras)}; give one for all, or {count} with pictures of one size")
     return cameras[0]
