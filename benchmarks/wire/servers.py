@@ -63,10 +63,10 @@ def service(folder: str, emulated: bool, simulators: int, ready: Any) -> None:
     from wrongturn_service import logs, server, telemetry  # noqa: PLC0415
     from wrongturn_service.address import bind  # noqa: PLC0415
     from wrongturn_service.settings import Settings  # noqa: PLC0415
-    from wrongturn_service.simulators.local_pool import LocalPool  # noqa: PLC0415
+    from wrongturn_service.simulators.local_simulator import LocalStarter  # noqa: PLC0415
 
     if emulated:
-        LocalPool.__init__.__kwdefaults__["command"] = command()  # type: ignore[index]
+        LocalStarter.__init__.__kwdefaults__["command"] = command()  # type: ignore[index]
     overheads = _overheads(telemetry.Telemetry)
     settings = Settings(
         port=0,

@@ -22,7 +22,7 @@ from wrongturn_service.api.middleware import Middleware
 from wrongturn_service.errors import StartupError
 from wrongturn_service.service import run_service
 from wrongturn_service.settings import Settings
-from wrongturn_service.simulators.local_pool import LocalPool
+from wrongturn_service.simulators.pool import SimulatorPool
 from wrongturn_service.socket import session
 from wrongturn_service.submissions.runners import COMMAND
 from wrongturn_service.telemetry import Telemetry
@@ -38,11 +38,11 @@ Errors are `application/problem+json`; their types are explained at `/problems/{
 """
 
 
-def create_app(settings: Settings, *, pool: LocalPool | None = None, runner: Sequence[str] = COMMAND) -> FastAPI:
+def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner: Sequence[str] = COMMAND) -> FastAPI:
     """Create the application. Its lifespan starts and stops the service.
 
     If the start fails, ``app.state.startup_error`` says why. ``runner`` is the program that checks and drives
-    submissions. Without a pool, simulators are processes of this machine.
+    submissions. Without a pool, the settings say where simulators run.
     """
     telemetry = Telemetry()
 

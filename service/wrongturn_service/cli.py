@@ -145,7 +145,7 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
     yield (
         "settings",
         True,
-        f"database {settings.database_url.rsplit('@', 1)[-1]}; {settings.simulators} simulators on "
+        f"database {settings.database_url.rsplit('@', 1)[-1]}; {settings.most_simulators} simulators on "
         f"{machine.processors()} processors with {machine.memory() >> 20} MiB",
         "",
     )

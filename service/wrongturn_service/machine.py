@@ -14,8 +14,10 @@ _PROC: Final = Path("/proc")
 _CGROUPS: Final = Path("/sys/fs/cgroup")
 _SERVICE: Final = 1 << 30
 """Memory to leave for the service itself, bytes."""
-_SIMULATOR: Final = 200 << 20
+SIMULATOR_MEMORY: Final = 200 << 20
 """Memory to allow for a simulator, bytes."""
+PER_CORE: Final = 4
+"""Simulators for each core."""
 _LEAST_SIMULATORS: Final = 16
 """Simulators on a machine of few processors: most agents think for longer than a simulator drives."""
 
@@ -53,9 +55,9 @@ class Machine:
 
         The service itself and a spare simulator need memory too.
         """
-        wanted = max(_LEAST_SIMULATORS, 4 * self.processors())
+        wanted = max(_LEAST_SIMULATORS, PER_CORE * self.processors())
         memory = self.memory()
-        return max(1, min(wanted, (memory - _SERVICE) // _SIMULATOR - 1)) if memory else wanted
+        return max(1, min(wanted, (memory - _SERVICE) // SIMULATOR_MEMORY - 1)) if memory else wanted
 
     def gateway(self) -> str | None:
         """Return the IPv4 address of the default gateway, which in a container is its host; None if there is none."""

@@ -110,7 +110,7 @@ def configuration(app: FastAPI, settings: Settings) -> uvicorn.Config:
     """Return uvicorn's configuration."""
     limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     guard = Guard(
-        min(settings.max_connections, for_connections(limit, settings.simulators)),
+        min(settings.max_connections, for_connections(limit, settings.most_simulators)),
         settings.slow_client_s,
         lambda reason: app.state.telemetry.closed.labels(reason).inc(),
     )
@@ -168,7 +168,7 @@ def run(settings: Settings, bound: socket.socket) -> None:
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     _, limit = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))
-    warn_if_few(limit, settings.simulators, settings.max_connections)
+    warn_if_few(limit, settings.most_simulators, settings.max_connections)
     app = create_app(settings)
     server = Server(
         configuration(app, settings), app, f"http://{host}:{bound.getsockname()[1]}", settings.shutdown_grace_s

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import gc
 import time
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from importlib import import_module
 
 import structlog
@@ -14,6 +14,7 @@ from wrongturn_service import catalogue
 from wrongturn_service.accounts import Accounts
 from wrongturn_service.administration import Administration
 from wrongturn_service.cache import Cache
+from wrongturn_service.cluster.programs import Programs
 from wrongturn_service.episodes.draws import Draws
 from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.episodes import Episodes
@@ -28,7 +29,9 @@ from wrongturn_service.registration import Registrations
 from wrongturn_service.replays import Replays
 from wrongturn_service.settings import Settings
 from wrongturn_service.simulators.interface import SimulatorStartError
-from wrongturn_service.simulators.local_pool import LocalPool
+from wrongturn_service.simulators.local_simulator import LocalStarter
+from wrongturn_service.simulators.pool import SimulatorPool
+from wrongturn_service.simulators.ray_simulator import RayStarter, slots
 from wrongturn_service.socket.guards import ConnectionLimits
 from wrongturn_service.storage.administration import AdministrationStore
 from wrongturn_service.storage.database import Database
@@ -68,11 +71,18 @@ class Service:
     """
 
     def __init__(
-        self, settings: Settings, telemetry: Telemetry, database: Database, pool: LocalPool, runner: Sequence[str]
+        self,
+        settings: Settings,
+        telemetry: Telemetry,
+        database: Database,
+        pool: SimulatorPool,
+        programs: Programs | None,
+        runner: Sequence[str],
     ) -> None:
         self.settings = settings
         self.telemetry = telemetry
         self.pool = pool
+        self.programs = programs
         quota = Quota(
             settings.bytes_per_owner,
             settings.bytes_per_address,
@@ -91,7 +101,7 @@ class Service:
         self.sockets = ConnectionLimits(each=settings.max_sockets, address=settings.max_sockets_per_address)
 
         self.evaluations = RunningEvaluations(self.store, telemetry, self.draws, self.leaderboards.forget)
-        self.queue = SimulatorQueue(pool.slots, settings.max_waiting, settings.max_line)
+        self.queue = SimulatorQueue(lambda: pool.slots, settings.max_waiting, settings.max_line)
         driver = EpisodeDriver(pool, self.queue, telemetry)
         self.episodes = Episodes(
             self.store,
@@ -149,6 +159,9 @@ class Service:
             return UnavailableError(ProblemType.SHUTTING_DOWN, "the service is stopping")
         if self.pool.failure is not None and not self.pool.running:
             return UnavailableError(ProblemType.SIMULATOR_FAILED, "no simulator could be started", retry_after_s=30)
+        if self.programs is not None and self.programs.trouble is not None and not self.pool.idle:
+            detail = "the Ray cluster, which runs the simulators, cannot be reached; the service tries again"
+            return UnavailableError(ProblemType.SIMULATOR_FAILED, detail, retry_after_s=5)
         if self.store.trouble is not None:
             detail = f"the database fails: {self.store.trouble}"
             return UnavailableError(ProblemType.STORAGE_FAILED, detail, retry_after_s=5)
@@ -176,6 +189,7 @@ class Service:
             ("simulators_idle", "Simulator processes that are ready and unused", lambda: pool.idle),
             ("simulators_awaited", "Calls that wait for a simulator", lambda: queue.waiting),
             ("sockets", "Connections to /v1/drive", lambda: sockets.open),
+            *(() if self.programs is None else _of_ray(self.programs)),
         ):
             self.telemetry.gauge(f"wrongturn_{name}", documentation).set_function(read)
 
@@ -250,12 +264,11 @@ class Service:
 
 @contextlib.asynccontextmanager
 async def run_service(
-    settings: Settings, telemetry: Telemetry, pool: LocalPool | None = None, runner: Sequence[str] = COMMAND
+    settings: Settings, telemetry: Telemetry, pool: SimulatorPool | None = None, runner: Sequence[str] = COMMAND
 ) -> AsyncIterator[Service]:
     """Run a service until the block ends.
 
-    ``runner`` is the program that checks and drives submissions. Without a pool, simulators are processes of this
-    machine.
+    ``runner`` is the program that checks and drives submissions. Without a pool, the settings say where simulators run.
 
     Raises:
         StartupError: The database or the simulators cannot be used.
@@ -263,16 +276,12 @@ async def run_service(
     async with contextlib.AsyncExitStack() as stack:
         database = await Database.open(settings.database_url, home=settings.home, telemetry=telemetry)
         stack.push_async_callback(database.close)
-        pool = pool or LocalPool(
-            settings.simulators,
-            spare=settings.spare_simulators,
-            start_timeout_s=settings.simulator_start_timeout_s,
-            timeout_s=settings.simulator_timeout_s,
-            environment={"WRONGTURN_HOME": str(settings.home)},
-            on_death=telemetry.deaths.inc,
-        )
+        programs = None
+        if settings.on_ray:
+            programs = await stack.enter_async_context(_opened(settings))
+        pool = pool or _pool(settings, telemetry, programs)
         stack.push_async_callback(pool.stop)
-        service = Service(settings, telemetry, database, pool, runner)
+        service = Service(settings, telemetry, database, pool, programs, runner)
         await service.prepare()
         try:
             # The first simulator compiles the kernels; the others find them in the cache.
@@ -286,8 +295,42 @@ async def run_service(
         service.watch()
         for work in (service.episodes.watch_leases(), service.keep_house(), service.warm_up()):
             stack.push_async_callback(_cancel, asyncio.create_task(work))
-        _log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=settings.simulators)
+        _log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=pool.slots)
         yield service
+
+
+@contextlib.asynccontextmanager
+async def _opened(settings: Settings) -> AsyncIterator[Programs]:
+    programs = Programs(settings)
+    try:
+        await programs.open()
+    except OSError as error:
+        named = f"WRONGTURN_RAY_LISTEN: {settings.ray_listen}"
+        raise StartupError(
+            f"{named}: {error.strerror or error}; name an address of this machine that is free"
+        ) from error
+    try:
+        yield programs
+    finally:
+        await programs.close()
+
+
+def _pool(settings: Settings, telemetry: Telemetry, programs: Programs | None) -> SimulatorPool:
+    """Return a pool of simulators on this machine, or on the nodes of a cluster, which come and go."""
+    starter = LocalStarter.of(settings) if programs is None else RayStarter(programs, settings)
+    most = settings.most_simulators
+    pool = SimulatorPool(most, starter.start, spare=settings.spare_simulators, on_death=telemetry.deaths.inc)
+    if programs is not None:
+        programs.changed = lambda: pool.resize(min(slots(programs.nodes), most))
+    return pool
+
+
+def _of_ray(programs: Programs) -> Iterator[tuple[str, str, Callable[[], float]]]:
+    """Yield the gauges of a cluster."""
+    yield "ray_connected", "1 if programs can be started on Ray", lambda: float(programs.trouble is None)
+    yield "ray_nodes", "Nodes of the Ray cluster that live", lambda: len(programs.nodes)
+    yield "ray_cores", "Cores of the Ray cluster", lambda: sum(node.cores for node in programs.nodes)
+    yield "ray_connections", "How often the service has connected with Ray", lambda: programs.connections
 
 
 async def _cancel(task: "asyncio.Task[None]") -> None:

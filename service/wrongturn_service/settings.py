@@ -11,6 +11,7 @@ import platformdirs
 from pydantic import Field, SecretStr, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from wrongturn_service.cluster import options
 from wrongturn_service.machine import Machine
 from wrongturn_service.secret_file import Secret, read_secret
 
@@ -78,10 +79,11 @@ class Settings(BaseSettings):
     """File with that token, in its place, of at least 16 characters. It is read at each use."""
     metrics_port: Annotated[int, Field(ge=1, le=65535)] | None = None
     """A port for `/metrics` alone, at the same address. The main port then answers 404 there."""
-    simulators: Annotated[int, Field(ge=1, le=4096)] = Field(default_factory=lambda: Machine().simulators())
+    simulators: int | str = Field(default_factory=lambda: Machine().simulators())
     """Largest number of simulators that drive. Each is a process that starts when it is first needed, and then stays.
     The default leaves 1 GiB for the service and 200 MiB for each simulator; in a container, the limits of its cgroup
-    count. Default: four times the cores, at least 16, as far as the memory is enough."""
+    count. `ray` runs them on a Ray cluster, four for each of its cores; `ray:100` at most 100 there. Default: four
+    times the cores, at least 16, as far as the memory is enough."""
     spare_simulators: Annotated[int, Field(ge=0, le=64)] = 1
     """Simulators kept ready beyond those that drive, to replace one that dies at once."""
     simulator_start_timeout_s: Positive = 180.0
@@ -89,13 +91,29 @@ class Settings(BaseSettings):
     simulator_timeout_s: Positive = 30.0
     """Seconds after which a simulator that does not answer counts as dead; for a step, at most 5. Its episode is
     replayed in another one, which gets 0.02 s more for each step."""
+    ray_address: Annotated[str, Field(min_length=1)] = "auto"
+    """Address of the Ray cluster, such as `10.0.0.1:6379`. `auto` is the one that runs on this machine. This machine
+    has to be a node of it."""
+    ray_listen: str = "0.0.0.0:8001"
+    """Address and port at which programs on Ray's nodes connect with the service. Port 0 takes a free one."""
+    ray_advertise: str = ""
+    """Address at which the nodes reach that one, if it is another; a port may follow. Default: the address that Ray has
+    for this machine."""
+    ray_certificate: Path | None = None
+    """PEM file of a certificate, also a self-signed one. With it the programs connect by TLS, and accept no other."""
+    ray_key: Path | None = Field(default=None, validate_default=True)
+    """PEM file of the certificate's key."""
     lease_release_s: Positive = 10.0
     """Seconds without a call after which the simulator of an episode goes to other agents. It is rebuilt by replay."""
     lease_abort_s: Positive = 600.0
     """Seconds without a call after which an episode is `aborted`."""
-    max_parallel: Annotated[int, Field(ge=1)] = Field(default_factory=lambda settings: settings.get("simulators", 1))
-    """Open episodes of one evaluation. Default: as many as `WRONGTURN_SIMULATORS`."""
-    max_open: Annotated[int, Field(ge=1)] = Field(default_factory=lambda settings: 4 * settings.get("simulators", 1))
+    max_parallel: Annotated[int, Field(ge=1)] = Field(
+        default_factory=lambda settings: options.most(settings.get("simulators", 1))
+    )
+    """Open episodes of one evaluation. Default: as many as `WRONGTURN_SIMULATORS`; for `ray`, 1024."""
+    max_open: Annotated[int, Field(ge=1)] = Field(
+        default_factory=lambda settings: 4 * options.most(settings.get("simulators", 1))
+    )
     """Open episodes of one agent; half of them may be practice. An owner may have twice as many, and an address four
     times. One more gets 429 `rate-limited`. Default: four times `WRONGTURN_SIMULATORS`."""
     evaluation_idle_h: Positive = 24.0
@@ -151,6 +169,44 @@ class Settings(BaseSettings):
     """Seconds for which a stopping service waits for episodes that are being driven and for requests in progress."""
     log_level: Annotated[str, Field(pattern="^(debug|info|warning|error)$")] = "info"
     """Lowest level to log: `debug`, `info`, `warning` or `error`. Logs are JSON lines on stderr."""
+
+    @field_validator("simulators", mode="before")
+    @classmethod
+    def _simulators(cls, given: int | str) -> int | str:
+        return options.simulators(given)
+
+    @field_validator("ray_listen")
+    @classmethod
+    def _with_port(cls, address: str) -> str:
+        options.host_and_port(address)
+        return address
+
+    @field_validator("ray_advertise")
+    @classmethod
+    def _maybe_with_port(cls, address: str) -> str:
+        options.host_and_port(address or "0.0.0.0", port=0)  # noqa: S104 - empty means none
+        return address
+
+    @field_validator("ray_key")
+    @classmethod
+    def _pair(cls, key: Path | None, info: ValidationInfo) -> Path | None:
+        certificate = info.data.get("ray_certificate")
+        if (certificate is None) != (key is None):
+            missing = PREFIX + ("RAY_CERTIFICATE" if certificate is None else "RAY_KEY")
+            raise ValueError(f"{missing} is not set; set both files, or neither")
+        if certificate is not None:
+            options.server_tls(certificate, key)
+        return key
+
+    @property
+    def on_ray(self) -> bool:
+        """Whether simulators run on a Ray cluster."""
+        return isinstance(self.simulators, str)
+
+    @property
+    def most_simulators(self) -> int:
+        """Largest number of simulators that drive; a cluster may have room for fewer."""
+        return options.most(self.simulators)
 
     @field_validator("trusted_proxies")
     @classmethod

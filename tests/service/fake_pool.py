@@ -20,11 +20,11 @@ from wrongturn_service.simulators.interface import (
     SimulatorStartError,
     StepResult,
 )
-from wrongturn_service.simulators.local_pool import LocalPool
-from wrongturn_service.simulators.local_simulator import LocalSimulator
+from wrongturn_service.simulators.pool import SimulatorPool
+from wrongturn_service.simulators.simulator import Simulator
 
 
-class FakeSimulator(LocalSimulator):
+class FakeSimulator(Simulator):
     """Its observed speed is the number of actions, and after ten of them it is over: an exit, or a journey's end."""
 
     def __init__(self, pool: "FakePool") -> None:
@@ -110,13 +110,13 @@ class FakeSimulator(LocalSimulator):
         )
 
 
-class FakePool(LocalPool):
+class FakePool(SimulatorPool):
     """Fails as often as it is told to."""
 
     def __init__(self, slots: int = 4) -> None:
         self.slots = slots
         self.failure = None
-        self.taken: set[LocalSimulator] = set()
+        self.taken: set[Simulator] = set()
         self.most = 0
         self.replays = 0
         self.steps = 10
@@ -142,7 +142,7 @@ class FakePool(LocalPool):
         pass
 
     @override
-    async def acquire(self, town: tuple[str, int | None], agent: str) -> LocalSimulator:
+    async def acquire(self, town: tuple[str, int | None], agent: str) -> Simulator:
         if len(self.taken) >= self.slots:
             raise SimulatorsBusyError(f"all {self.slots} simulators are busy")
         self.starts += 1
@@ -155,7 +155,7 @@ class FakePool(LocalPool):
         return simulator
 
     @override
-    async def release(self, simulator: LocalSimulator) -> None:
+    async def release(self, simulator: Simulator) -> None:
         self.taken.discard(simulator)
 
     @property

@@ -19,12 +19,13 @@ from wrongturn_service.simulators.interface import (
     SimulatorsBusyError,
     SimulatorStartError,
 )
-from wrongturn_service.simulators.local_pool import LocalPool
+from wrongturn_service.simulators.local_simulator import LocalStarter
+from wrongturn_service.simulators.pool import SimulatorPool
 
 PROGRAM = """
 import os, socket, sys, time
 from msgpack import Unpacker, packb
-from wrongturn_service.simulators.local_simulator import FAILED, OK, REFUSED
+from wrongturn_service.simulators.interface import FAILED, OK, REFUSED
 connection = socket.socket(fileno=int(sys.argv[1]))
 connection.sendall(packb([OK]))
 for operation, *rest in Unpacker(connection.makefile("rb", 0)):
@@ -48,9 +49,10 @@ for operation, *rest in Unpacker(connection.makefile("rb", 0)):
 @contextlib.asynccontextmanager
 async def pool_of(
     program: str = PROGRAM, slots: int = 1, start: float = 120, call: float = 120, spare: int = 0
-) -> AsyncIterator[LocalPool]:
+) -> AsyncIterator[SimulatorPool]:
     command = (sys.executable, "-c", program)
-    pool = LocalPool(slots, start_timeout_s=start, timeout_s=call, spare=spare, command=command)
+    starter = LocalStarter(start_timeout_s=start, timeout_s=call, command=command)
+    pool = SimulatorPool(slots, starter.start, spare=spare)
     try:
         yield pool
     finally:
@@ -89,7 +91,8 @@ async def test_one_that_ends_at_once_or_is_never_ready(program: str, start: floa
 
 
 async def test_a_program_that_is_not_there() -> None:
-    pool = LocalPool(1, start_timeout_s=1, timeout_s=1, command=("/no/such/program",))
+    starter = LocalStarter(start_timeout_s=1, timeout_s=1, command=("/no/such/program",))
+    pool = SimulatorPool(1, starter.start)
     with pytest.raises(SimulatorStartError, match="could be started"):
         await pool.acquire(("Town01", None), "a")
     assert pool.running == 0

@@ -5,16 +5,14 @@ import contextlib
 import itertools
 import selectors
 from collections.abc import Awaitable, Callable
-from unittest.mock import Mock
 
 import pytest
 from typing_extensions import override
 
-from wrongturn_service.machine import Machine
-from wrongturn_service.simulators import local_pool
+from wrongturn_service.simulators import pool as pool_module
 from wrongturn_service.simulators.interface import SimulatorsBusyError
-from wrongturn_service.simulators.local_pool import PAUSE_S, LocalPool
-from wrongturn_service.simulators.local_simulator import LocalSimulator
+from wrongturn_service.simulators.pool import PAUSE_S, SimulatorPool
+from wrongturn_service.simulators.simulator import Simulator
 
 START_S = 4.5
 
@@ -42,13 +40,15 @@ class JumpingLoop(asyncio.SelectorEventLoop):
         return self._times.now
 
 
-class Played(LocalSimulator):
+class Played(Simulator):
     """A simulator without a process. It lives until the test kills it."""
 
     def __init__(self, stage: "Stage") -> None:
         self.town = ""
         self.killed = False
         self._stage = stage
+
+    name = "played"
 
     @property
     @override
@@ -69,28 +69,21 @@ class Stage:
 
     def __init__(self) -> None:
         self.started: list[Played] = []
+        self._one_at_a_time = asyncio.Lock()
         self.spares: list[float] = []
         """Seconds at which spare ones were ready."""
 
-    async def start(self, *_: object, **__: object) -> Played:
-        await asyncio.sleep(START_S)
+    async def start(self) -> Played:
+        async with self._one_at_a_time:
+            await asyncio.sleep(START_S)
         simulator = Played(self)
-        simulator.process = Mock(pid=0, returncode=-9)
         self.started.append(simulator)
         return simulator
 
 
-@pytest.fixture
-def stage(monkeypatch: pytest.MonkeyPatch) -> Stage:
-    stage = Stage()
-    monkeypatch.setattr(Machine, "processors", lambda _: 1)
-    monkeypatch.setattr(LocalSimulator, "start", stage.start)
-    return stage
-
-
-def play(story: Callable[[LocalPool], Awaitable[None]], slots: int, spare: int = 0) -> None:
+def play(stage: Stage, story: Callable[[SimulatorPool], Awaitable[None]], slots: int, spare: int = 0) -> None:
     async def played() -> None:
-        pool = LocalPool(slots, start_timeout_s=60, timeout_s=1, spare=spare)
+        pool = SimulatorPool(slots, stage.start, spare=spare)
         try:
             await story(pool)
         finally:
@@ -100,11 +93,10 @@ def play(story: Callable[[LocalPool], Awaitable[None]], slots: int, spare: int =
         runner.run(played())
 
 
-@pytest.mark.usefixtures("stage")
 def test_a_rush_of_calls_does_not_keep_out_who_asks_for_one_while_simulators_start(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    async def story(pool: LocalPool) -> None:
+    async def story(pool: SimulatorPool) -> None:
         served: list[str] = []
 
         async def ask(agent: str) -> None:
@@ -115,7 +107,7 @@ def test_a_rush_of_calls_does_not_keep_out_who_asks_for_one_while_simulators_sta
         calls = [asyncio.create_task(ask("greedy")) for _ in range(12)]
         await asyncio.sleep(1)
         with monkeypatch.context() as patch:
-            patch.setattr(local_pool, "START_WAIT_S", 0)
+            patch.setattr(pool_module, "START_WAIT_S", 0)
             with pytest.raises(SimulatorsBusyError) as told:
                 await pool.acquire(("Town01", None), "modest")
             assert told.value.position == 2
@@ -124,11 +116,13 @@ def test_a_rush_of_calls_does_not_keep_out_who_asks_for_one_while_simulators_sta
         # All have waited for 20 s, and no more than four simulators were ready in that time.
         assert served == ["greedy", "modest", "greedy", "modest"]
 
-    play(story, slots=16)
+    play(Stage(), story, slots=16)
 
 
-def test_spare_ones_that_die_again_and_again_are_started_rarely(stage: Stage) -> None:
-    async def story(pool: LocalPool) -> None:
+def test_spare_ones_that_die_again_and_again_are_started_rarely() -> None:
+    stage = Stage()
+
+    async def story(pool: SimulatorPool) -> None:
         loop = asyncio.get_running_loop()
         while loop.time() < 10 * PAUSE_S:
             simulator = await pool.acquire(("Town01", None), "b")
@@ -140,4 +134,4 @@ def test_spare_ones_that_die_again_and_again_are_started_rarely(stage: Stage) ->
         assert gaps
         assert all(PAUSE_S <= gap < PAUSE_S + 3 * START_S for gap in gaps[1:])
 
-    play(story, slots=2, spare=1)
+    play(stage, story, slots=2, spare=1)

@@ -8,7 +8,7 @@ from wrongturn_service.errors import UnavailableError
 
 
 def _line(slots: int, clock: Clock | None = None, each: int = 64, most: int = 1024) -> SimulatorQueue:
-    return SimulatorQueue(slots, each, most, clock or Clock())
+    return SimulatorQueue(lambda: slots, each, most, clock or Clock())
 
 
 def _refused(line: SimulatorQueue, agent: str, call: str) -> UnavailableError:

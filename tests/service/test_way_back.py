@@ -10,7 +10,7 @@ from fake_pool import FakePool
 from service_harness import expect, problem
 
 from wrongturn_service.episodes import resets
-from wrongturn_service.simulators.local_simulator import LocalSimulator
+from wrongturn_service.simulators.simulator import Simulator
 
 
 class HeldPool(FakePool):
@@ -30,7 +30,7 @@ class HeldPool(FakePool):
         await self._waits.wait()
         return task
 
-    async def acquire(self, town: tuple[str, int | None], agent: str) -> LocalSimulator:
+    async def acquire(self, town: tuple[str, int | None], agent: str) -> Simulator:
         simulator: Any = await super().acquire(town, agent)
         for name in ("reset", "step"):
             setattr(simulator, name, self._held(getattr(simulator, name)))

@@ -17,8 +17,8 @@ from wrongturn_service.simulators.interface import (
     SimulatorStartError,
     StepResult,
 )
-from wrongturn_service.simulators.local_pool import LocalPool
-from wrongturn_service.simulators.local_simulator import LocalSimulator
+from wrongturn_service.simulators.pool import SimulatorPool
+from wrongturn_service.simulators.simulator import Simulator
 from wrongturn_service.telemetry import Call, Telemetry
 
 ATTEMPTS: Final = 3
@@ -52,7 +52,7 @@ class EpisodeDriver:
     SimulatorsBusyError, SimulatorStartError, and ReplayFailedError. The episode stays open, so it can be sent again.
     """
 
-    def __init__(self, pool: LocalPool, queue: SimulatorQueue, telemetry: Telemetry) -> None:
+    def __init__(self, pool: SimulatorPool, queue: SimulatorQueue, telemetry: Telemetry) -> None:
         self._pool = pool
         self._queue = queue
         self._telemetry = telemetry
@@ -61,7 +61,7 @@ class EpisodeDriver:
     async def begin(self, episode: OpenEpisode, encoding: Encoding, call: str) -> StepResult:
         """Reset an episode. A ``call`` that is sent again keeps its place in the queue. Raises EpisodeRefusedError."""
 
-        async def begun(_: LocalSimulator, result: StepResult) -> StepResult:
+        async def begun(_: Simulator, result: StepResult) -> StepResult:
             return result
 
         return await self._in_another(episode, call, "reset", encoding, begun)
@@ -95,7 +95,7 @@ class EpisodeDriver:
         if simulator is not None:
             await self._pool.release(simulator)
 
-    async def _call(self, episode: OpenEpisode, kind: Call, ask: Callable[[LocalSimulator], Awaitable[_T]]) -> _T:
+    async def _call(self, episode: OpenEpisode, kind: Call, ask: Callable[[Simulator], Awaitable[_T]]) -> _T:
         if episode.simulator is not None:
             try:
                 return await self._timed(kind, ask(episode.simulator))
@@ -103,7 +103,7 @@ class EpisodeDriver:
                 self._log.warning("simulator died in an episode", episode=episode.id, reason=str(error))
         await self._release(episode)
 
-        async def replayed(simulator: LocalSimulator, result: StepResult) -> _T:
+        async def replayed(simulator: Simulator, result: StepResult) -> _T:
             if result.observation != episode.last.observation:
                 self._log.error("replay differs", episode=episode.id, seq=episode.seq)
                 raise SimulatorDiedError("its observation differs")
@@ -118,7 +118,7 @@ class EpisodeDriver:
         place: str,
         kind: Call,
         encoding: Encoding,
-        go_on: Callable[[LocalSimulator, StepResult], Awaitable[_T]],
+        go_on: Callable[[Simulator, StepResult], Awaitable[_T]],
     ) -> _T:
         """Begin or replay the episode in another simulator, and go on there.
 
@@ -144,7 +144,7 @@ class EpisodeDriver:
             await self.detach(episode)
             raise
 
-    async def _simulators(self, episode: OpenEpisode) -> AsyncIterator[LocalSimulator]:
+    async def _simulators(self, episode: OpenEpisode) -> AsyncIterator[Simulator]:
         """Yield up to :data:`ATTEMPTS` simulators. One that does not start counts as an attempt.
 
         Raises:

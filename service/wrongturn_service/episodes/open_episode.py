@@ -8,7 +8,7 @@ from wrongturn_protocol import ProblemType, Track, Trial
 from wrongturn_service.encoding import Reply
 from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundError, UnavailableError, too_many
 from wrongturn_service.simulators.interface import ACTION, Action, EpisodeEnd
-from wrongturn_service.simulators.local_simulator import LocalSimulator
+from wrongturn_service.simulators.simulator import Simulator
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class OpenEpisode:
     """Whether the evaluation is known to have had a step, so that it counts; true in practice."""
     actions: bytearray = field(default_factory=bytearray)
     """All actions so far, little-endian float32 [n, 3]."""
-    simulator: LocalSimulator | None = None
+    simulator: Simulator | None = None
     """None while it is released or dead."""
     placed: bool = False
     """Whether the episode holds a place of the queue, with or without a simulator."""

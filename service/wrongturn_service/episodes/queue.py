@@ -18,8 +18,10 @@ SLACK_S: Final = 2.0
 class SimulatorQueue:
     """Decides which call gets the next simulator, in the order of :func:`in_turn`."""
 
-    def __init__(self, slots: int, each: int, most: int, clock: Callable[[], float] = time.monotonic) -> None:
-        """Create an empty queue for at most ``slots`` simulators that drive at a time.
+    def __init__(
+        self, slots: Callable[[], int], each: int, most: int, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Create an empty queue for at most ``slots()`` simulators that drive at a time.
 
         At most ``each`` calls of an agent wait, and at most ``most`` of all agents.
         """
@@ -45,7 +47,7 @@ class SimulatorQueue:
             UnavailableError: All simulators are busy or other calls come first. ``position`` says how many simulators
                 have to become free.
         """
-        free = self._slots - self._taken
+        free = self._slots() - self._taken
         if free > 0 and not self._places:
             self._take(agent)
             return
@@ -59,11 +61,11 @@ class SimulatorQueue:
             self._take(agent)
             return
         position = ahead - free + 1
-        wait = min(LONGEST_S, 1 + (position - 1) // self._slots)
+        wait = min(LONGEST_S, 1 + (position - 1) // max(1, self._slots()))
         self._places[name] = self._clock() + wait + SLACK_S
         raise UnavailableError(
             ProblemType.SIMULATORS_BUSY,
-            f"all {self._slots} simulators are busy; this call is number {position} in the queue and keeps its place "
+            f"all {self._slots()} simulators are busy; this call is number {position} in the queue and keeps its place "
             f"if you send it again in {wait} s",
             retry_after_s=wait,
             position=position,
@@ -86,7 +88,7 @@ class SimulatorQueue:
         if len(self._places) >= self._most:
             raise UnavailableError(
                 ProblemType.SIMULATORS_BUSY,
-                f"all {self._slots} simulators are busy, and {len(self._places)} calls wait, which is the limit; "
+                f"all {self._slots()} simulators are busy, and {len(self._places)} calls wait, which is the limit; "
                 "come back later",
                 retry_after_s=LONGEST_S,
                 position=len(self._places) + 1,

@@ -3,10 +3,12 @@
 import asyncio
 import time
 
+from wrongturn_service.cluster.programs import Programs
 from wrongturn_service.machine import Machine
 from wrongturn_service.settings import Settings
-from wrongturn_service.simulators.local_pool import COMMAND
-from wrongturn_service.simulators.local_simulator import LocalSimulator
+from wrongturn_service.simulators.interface import SimulatorStartError
+from wrongturn_service.simulators.local_simulator import LocalStarter
+from wrongturn_service.simulators.ray_simulator import RayStarter, slots
 
 _MIB = 2**20
 _COMPILED_S = 10.0
@@ -24,11 +26,13 @@ def examine(settings: Settings) -> str:
         SimulatorStartError: it does not start.
         TooLittleMemoryError: the number of simulators that is set does not fit.
     """
+    if settings.on_ray:
+        return asyncio.run(_start_on_ray(settings))
     available = Machine().available_memory()
     seconds, memory = asyncio.run(_start(settings))
     if seconds > _COMPILED_S:  # it has compiled the kernels, which takes several times the memory
         seconds, memory = asyncio.run(_start(settings))
-    count = settings.simulators + settings.spare_simulators
+    count = settings.most_simulators + settings.spare_simulators
     report = (
         f"one was ready after {seconds:.1f} s and has {memory / _MIB:.0f} MiB; {count} of them, with the spare, "
         f"{count * memory / _MIB:.0f} MiB of {available / _MIB:.0f} that are free"
@@ -41,13 +45,29 @@ def examine(settings: Settings) -> str:
 async def _start(settings: Settings) -> tuple[float, int]:
     """Start a simulator; return the seconds until it was ready, and its bytes of memory."""
     began = time.monotonic()
-    simulator = await LocalSimulator.start(
-        COMMAND,
-        {"WRONGTURN_HOME": str(settings.home)},
-        start_timeout_s=settings.simulator_start_timeout_s,
-        timeout_s=settings.simulator_timeout_s,
-    )
+    simulator = await LocalStarter.of(settings).start()
     try:
         return time.monotonic() - began, simulator.memory()
     finally:
         await simulator.close()
+
+
+async def _start_on_ray(settings: Settings) -> str:
+    """Start a simulator on the cluster; return what the cluster has, and how long the start took."""
+    programs = Programs(settings)
+    try:
+        await programs.open()
+        began = time.monotonic()
+        simulator = await RayStarter(programs, settings).start()
+        seconds = time.monotonic() - began
+        await simulator.close()
+        nodes = programs.nodes
+    except OSError as error:
+        where = f"WRONGTURN_RAY_LISTEN: {settings.ray_listen}"
+        raise SimulatorStartError(f"{where}: {error.strerror or error}; is the service running?") from error
+    finally:
+        await programs.close()
+    return (
+        f"on Ray, {len(nodes)} nodes with {sum(node.cores for node in nodes):g} cores have room for {slots(nodes)}; "
+        f"one was ready on {simulator.name} after {seconds:.1f} s, with the connection to Ray"
+    )

@@ -13,6 +13,12 @@ Place = tuple[str, int | None]
 """A town and the seed of its drawn scenery; None: the scenery that it ships with."""
 Action = tuple[float, float, float]
 """Steer, throttle, brake, each a float32: values that round to the same ones are the same action."""
+OK: Final = 0
+"""First item of a reply to a request that worked."""
+REFUSED: Final = 1
+"""First item of a reply that refuses a trial."""
+FAILED: Final = 2
+"""First item of a reply that says that the simulation failed."""
 ACTION: Final = struct.Struct("<3f")
 """Little-endian float32: steer, throttle, brake."""
 

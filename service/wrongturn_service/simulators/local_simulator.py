@@ -1,41 +1,25 @@
-"""One simulator as a process of this machine. :mod:`wrongturn_service.simulators.worker` describes the messages."""
+"""Simulators as processes of this machine."""
 
 import asyncio
 import contextlib
-import os
 import re
 import socket
 import subprocess
-from collections.abc import Callable, Mapping, Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Final
 
-import msgpack
 from typing_extensions import override
 
-from wrongturn_protocol import Outcome, Track
 from wrongturn_service.child_environment import child_environment
-from wrongturn_service.encoding import Encoding
-from wrongturn_service.simulators.interface import (
-    Action,
-    EpisodeEnd,
-    EpisodeRefusedError,
-    Place,
-    SimulatorDiedError,
-    SimulatorStartError,
-    StepResult,
-    replay_s,
-)
+from wrongturn_service.machine import Machine
+from wrongturn_service.settings import Settings
+from wrongturn_service.simulators.interface import SimulatorDiedError, SimulatorStartError
+from wrongturn_service.simulators.simulator import Simulator
 
-_T = TypeVar("_T")
-OK: Final = 0
-"""First item of a reply to a request that worked."""
-REFUSED: Final = 1
-"""First item of a reply that refuses a trial."""
-FAILED: Final = 2
-"""First item of a reply that says that the simulation failed."""
-_STEP_S: Final = 5.0
-"""Seconds after which a step counts as hung. It takes milliseconds; only a reset may have to load a town."""
+COMMAND = (sys.executable, "-m", "wrongturn_service.simulators")
+"""Command of a simulator process; :meth:`LocalStarter.start` adds its arguments."""
 _PASSED_ON: Final = (
     "WRONGTURN_HOME",
     "WRONGTURN_KERNELS",
@@ -51,104 +35,21 @@ _SHARE: Final = re.compile(rb"^Pss:\s+(\d+) kB", re.MULTILINE)
 _RESIDENT: Final = re.compile(rb"^VmRSS:\s+(\d+) kB", re.MULTILINE)
 
 
-class LocalSimulator(asyncio.Protocol):
-    """One process, which drives one episode at a time; make it by :meth:`start`. Calls raise SimulatorDiedError."""
+class LocalSimulator(Simulator):
+    """A simulator at the other end of a socket pair; make it by :class:`LocalStarter`."""
 
     def __init__(self, process: subprocess.Popen[bytes], stream: socket.socket, timeout_s: float) -> None:
+        super().__init__(timeout_s)
         self.process = process
-        self.town: Place = ("", None)
-        """The town that was driven in last."""
         self._handle = stream.fileno()
-        self._transport: asyncio.Transport
-        self._closed = False
-        self._timeout_s = timeout_s
-        self._step_s = min(timeout_s, _STEP_S)
-        self._loop = asyncio.get_running_loop()
-        self._replies = msgpack.Unpacker()
-        self._reply: asyncio.Future[Any] | None = None
-        self._read: Callable[..., Any]
-        self._limit_s = self._deadline = 0.0
-        self._alarm: asyncio.TimerHandle | None = None
-
-    @classmethod
-    async def start(
-        cls, command: Sequence[str], environment: Mapping[str, str], *, start_timeout_s: float, timeout_s: float
-    ) -> "LocalSimulator":
-        """Start a process and wait ``start_timeout_s`` until it is ready. A call counts as hung after ``timeout_s``.
-
-        The socket's descriptor and whole seconds of a call are added to the ``command``, and the ``environment`` to the
-        few variables that a process gets of this one's.
-
-        Raises:
-            SimulatorStartError: It ended, or was not ready in time.
-        """
-        ours, theirs = socket.socketpair()
-        with theirs:
-            handle = theirs.fileno()
-
-            def spawn() -> subprocess.Popen[bytes]:
-                return subprocess.Popen(  # noqa: S603 - our own program
-                    [*command, str(handle), str(int(timeout_s) + 1)],
-                    pass_fds=[handle],
-                    stdin=subprocess.DEVNULL,
-                    # What SUMO prints must not mix with what the service prints on stdout.
-                    stdout=2,
-                    env={**child_environment(*_PASSED_ON), **environment},
-                )
-
-            try:
-                process = await asyncio.to_thread(spawn)
-            except OSError as error:
-                ours.close()
-                raise SimulatorStartError(f"no simulator process could be started: {error}") from error
-        ours.setblocking(False)
-        simulator = cls(process, ours, timeout_s)
-        await simulator._loop.create_unix_connection(lambda: simulator, sock=ours)
-        try:
-            await simulator._expect(lambda *_: None, start_timeout_s)
-        except SimulatorDiedError as error:
-            await simulator.close()
-            status = process.returncode
-            raise SimulatorStartError(
-                f"a simulator process did not get ready ({error}, status {status}); what it said is on stderr, "
-                "and 'wrongturn doctor' checks the installation"
-            ) from error
-        except BaseException:
-            await simulator.close()
-            raise
-        return simulator
 
     @property
-    def dead(self) -> bool:
-        """Whether it has ended; its episode has to be replayed in another one."""
-        # The reply to a call that was given up would be taken for that to the next one.
-        return self._closed or (self._reply is not None and self._reply.cancelled())
+    @override
+    def name(self) -> str:
+        status = self.process.returncode
+        return f"pid {self.process.pid}" + ("" if status is None else f", ended with status {status}")
 
-    async def reset(self, trial: str, track: Track, actions: bytes, encoding: Encoding) -> StepResult:
-        """Begin an episode, repeat actions that were taken before, and return the result of the last one.
-
-        ``trial`` is JSON of Trial; ``actions`` are little-endian float32 [n, 3]. Raises EpisodeRefusedError.
-        """
-        timeout_s = self._timeout_s + replay_s(actions)
-        return await self._ask(["reset", trial, track.value, actions, encoding.value], _step_result, timeout_s)
-
-    def step(self, action: Action, encoding: Encoding) -> "asyncio.Future[StepResult]":
-        """Drive one decision. Whoever cancels the future has to give the simulator up."""
-        return self._ask(["step", *action, encoding.value], _step_result, self._step_s)
-
-    async def abort(self) -> EpisodeEnd:
-        """End the episode as ``aborted``."""
-        return await self._ask(["abort"], _episode_end, self._timeout_s)
-
-    async def view(self) -> bytes:
-        """Return a picture of the moment for people, as a pixmap."""
-        return await self._ask(["view"], bytes, self._timeout_s)
-
-    async def prepare(self, town: Place) -> None:
-        """Load a town, so that its first reset is as quick as any other. Raises SimulatorDiedError."""
-        await self._ask(["prepare", *town], lambda *_: None, self._timeout_s)
-        self.town = town
-
+    @override
     def memory(self) -> int:
         """Return the process's own memory and its part of what it shares, bytes; 0 if it has ended.
 
@@ -161,91 +62,90 @@ class LocalSimulator(asyncio.Protocol):
                     return 1024 * int(match[1])
         return 0
 
+    @override
     async def close(self) -> None:
-        """End the process and wait until it has ended."""
         self._kill("the simulator process was ended")
         await asyncio.to_thread(self.process.wait)
 
-    def _kill(self, reason: str) -> None:
-        """End the process at once; an awaited reply fails."""
-        self._transport.abort()
+    @override
+    def _end_process(self) -> None:
         self.process.kill()
-        self._end(reason)
-
-    def _end(self, reason: str) -> None:
-        self._closed = True
-        if self._alarm is not None:
-            self._alarm.cancel()
-        if self._reply is not None and not self._reply.done():
-            self._reply.set_exception(SimulatorDiedError(reason))
-
-    def _ask(self, request: list[object], read: Callable[..., _T], timeout_s: float) -> "asyncio.Future[_T]":
-        """Send a request, and return its reply: what ``read`` makes of the values after :data:`OK`."""
-        if not self.dead:
-            data, sent = msgpack.packb(request), 0
-            # The transport would write at the end of the loop's turn. It meets the same errors, and tells of them.
-            with contextlib.suppress(OSError):
-                sent = os.write(self._handle, data)
-            if sent < len(data):
-                self._transport.write(data[sent:])
-        return self._expect(read, timeout_s)
-
-    def _expect(self, read: Callable[..., _T], timeout_s: float) -> "asyncio.Future[_T]":
-        reply: asyncio.Future[_T] = self._loop.create_future()
-        if self.dead:
-            self._kill("a call was given up")
-            reply.set_exception(SimulatorDiedError("the simulator process ended"))
-            return reply
-        self._reply, self._read = reply, read
-        self._limit_s, self._deadline = timeout_s, self._loop.time() + timeout_s
-        # An earlier alarm stays, and sets the next one: moving it takes time each step.
-        if self._alarm is None or self._alarm.when() > self._deadline:
-            self._set_alarm()
-        return reply
-
-    def _set_alarm(self) -> None:
-        if self._alarm is not None:
-            self._alarm.cancel()
-        self._alarm = self._loop.call_at(self._deadline, self._look)
-
-    def _look(self) -> None:
-        self._alarm = None
-        if self._reply is None:
-            return
-        if self._loop.time() < self._deadline:
-            self._set_alarm()
-        else:
-            self._kill(f"the simulator process did not answer within {self._limit_s:g} s")
-
-    @override
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        self._transport = transport
-
-    @override
-    def data_received(self, data: bytes) -> None:
-        self._replies.feed(data)
-        for status, *values in self._replies:
-            reply, self._reply = self._reply, None
-            if reply is None or reply.cancelled():
-                self._kill("a call was given up")
-            elif status == OK:
-                reply.set_result(self._read(*values))
-            elif status == REFUSED:
-                reply.set_exception(EpisodeRefusedError(*values))
-            else:  # its state is unknown, and the next episode must not inherit it
-                self._kill("")
-                reply.set_exception(SimulatorDiedError(": ".join(values)))
-
-    @override
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._end("the simulator process ended")
 
 
-def _step_result(
-    observation: bytes, reward: float, terminated: bool, truncated: bool, end: list[Any] | None
-) -> StepResult:
-    return StepResult(observation, reward, terminated, truncated, None if end is None else _episode_end(*end))
+class LocalStarter:
+    """Starts simulators as processes of this machine."""
 
+    def __init__(
+        self,
+        environment: Mapping[str, str] | None = None,
+        *,
+        start_timeout_s: float,
+        timeout_s: float,
+        command: Sequence[str] = COMMAND,
+    ) -> None:
+        """A start may take ``start_timeout_s``. A call to a simulator counts as hung after ``timeout_s``.
 
-def _episode_end(outcome: str, *values: Any) -> EpisodeEnd:
-    return EpisodeEnd(Outcome.model_validate_json(outcome), *values)
+        The socket's descriptor and whole seconds of a call are added to the ``command``, and the ``environment`` to the
+        few variables that a process gets of this one's.
+        """
+        self._environment = {"OMP_NUM_THREADS": "1", **(environment or {})}
+        self._start_timeout_s = start_timeout_s
+        self._timeout_s = timeout_s
+        self._command = tuple(command)
+        # A start takes a core for seconds. More starts than cores would all be late.
+        self._at_once = asyncio.Semaphore(Machine().processors())
+
+    @classmethod
+    def of(cls, settings: Settings) -> "LocalStarter":
+        """Return the starter that the settings ask for."""
+        return cls(
+            {"WRONGTURN_HOME": str(settings.home)},
+            start_timeout_s=settings.simulator_start_timeout_s,
+            timeout_s=settings.simulator_timeout_s,
+        )
+
+    async def start(self) -> Simulator:
+        """Start a process and wait until it is ready.
+
+        Raises:
+            SimulatorStartError: It ended, or was not ready in time.
+        """
+        async with self._at_once:
+            return await self._start()
+
+    async def _start(self) -> LocalSimulator:
+        ours, theirs = socket.socketpair()
+        with theirs:
+            handle = theirs.fileno()
+
+            def spawn() -> subprocess.Popen[bytes]:
+                return subprocess.Popen(  # noqa: S603 - our own program
+                    [*self._command, str(handle), str(int(self._timeout_s) + 1)],
+                    pass_fds=[handle],
+                    stdin=subprocess.DEVNULL,
+                    # What SUMO prints must not mix with what the service prints on stdout.
+                    stdout=2,
+                    env={**child_environment(*_PASSED_ON), **self._environment},
+                )
+
+            try:
+                process = await asyncio.to_thread(spawn)
+            except OSError as error:
+                ours.close()
+                raise SimulatorStartError(f"no simulator process could be started: {error}") from error
+        ours.setblocking(False)
+        simulator = LocalSimulator(process, ours, self._timeout_s)
+        await asyncio.get_running_loop().create_unix_connection(lambda: simulator, sock=ours)
+        try:
+            await simulator.ready(self._start_timeout_s)
+        except SimulatorDiedError as error:
+            await simulator.close()
+            status = process.returncode
+            raise SimulatorStartError(
+                f"a simulator process did not get ready ({error}, status {status}); what it said is on stderr, "
+                "and 'wrongturn doctor' checks the installation"
+            ) from error
+        except BaseException:
+            await simulator.close()
+            raise
+        return simulator

@@ -1,8 +1,9 @@
 """The program of a simulator process: ``python -m wrongturn_service.simulators SOCKET SECONDS``.
 
-The arguments are the file descriptor of a socket to the service, and whole seconds after which a hanging request ends
-the process. The process answers one request at a time. It ends with the stream, so no simulator outlives its service.
-The time limit is an alarm, which works even while SUMO does not return.
+The arguments are the file descriptor of a socket to the service, or ``HOST:PORT`` at which it expects this process, and
+whole seconds after which a hanging request ends the process. The process answers one request at a time. It ends with
+the stream, so no simulator outlives its service. The time limit is an alarm, which works even while SUMO does not
+return.
 
 Requests and replies are values of msgpack, one after the other. Requests:
     | ``["reset", trial, track, actions, encoding]``
@@ -37,9 +38,9 @@ from wrongturn_protocol import FaultKind, Outcome, Task, Track, Traffic, Trial
 from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.pixmap import to_pixmap
 from wrongturn_protocol.wire import Block, layout
+from wrongturn_service.cluster.connecting import connect
 from wrongturn_service.encoding import Encoding, encoded
-from wrongturn_service.simulators.interface import ACTION, replay_s
-from wrongturn_service.simulators.local_simulator import FAILED, OK, REFUSED
+from wrongturn_service.simulators.interface import ACTION, FAILED, OK, REFUSED, replay_s
 from wrongturn_sim import Episode
 
 REFUSALS: Final = frozenset({"FaultNotApplicableError", "TrafficTooDenseError"})
@@ -150,6 +151,8 @@ def main() -> None:
     # If memory runs out, end a simulator rather than the service, which replaces it.
     with contextlib.suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text("500", "ascii")
-    # If the service was killed, nobody is left to answer.
-    with socket.socket(fileno=int(sys.argv[1])) as connection, contextlib.suppress(ConnectionError):
-        serve(connection, int(sys.argv[2]))
+    where, limit_s = sys.argv[1:]
+    connection = connect(where) if ":" in where else socket.socket(fileno=int(where))
+    # If the service was killed or its machine has vanished, nobody is left to answer.
+    with connection, contextlib.suppress(ConnectionError, TimeoutError):
+        serve(connection, int(limit_s))

@@ -1,15 +1,13 @@
-"""A pool of simulator processes on this machine. Each runs one libsumo; the web process runs none."""
+"""A pool of simulator processes. Each runs one libsumo; the web process runs none."""
 
 import asyncio
-import sys
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Final
 
 import structlog
 
-from wrongturn_service.machine import Machine
 from wrongturn_service.simulators.interface import (
     Place,
     SimulatorDiedError,
@@ -17,10 +15,7 @@ from wrongturn_service.simulators.interface import (
     SimulatorStartError,
     in_turn,
 )
-from wrongturn_service.simulators.local_simulator import LocalSimulator
-
-COMMAND = (sys.executable, "-m", "wrongturn_service.simulators")
-"""Command of a simulator process; :meth:`LocalSimulator.start` adds its arguments."""
+from wrongturn_service.simulators.simulator import Simulator
 
 START_WAIT_S: Final = 20.0
 """Seconds that a call waits for a simulator to start, before it is asked to come back."""
@@ -34,24 +29,21 @@ class _Waiting:
 
     agent: str
     town: Place
-    simulator: "asyncio.Future[LocalSimulator]"
+    simulator: "asyncio.Future[Simulator]"
 
 
-class LocalPool:
+class SimulatorPool:
     """At most ``slots`` processes that drive; each is started when it is needed, and then kept."""
 
     def __init__(
         self,
         slots: int,
+        start: Callable[[], Awaitable[Simulator]],
         *,
-        start_timeout_s: float,
-        timeout_s: float,
         spare: int = 0,
-        environment: Mapping[str, str] | None = None,
-        command: Sequence[str] = COMMAND,
         on_death: Callable[[], None] = lambda: None,
     ) -> None:
-        """Create a pool without processes; :meth:`LocalSimulator.start` says what most arguments mean.
+        """Create a pool without processes. ``start`` starts one or raises SimulatorStartError.
 
         ``spare`` processes beyond those that drive are kept ready, so that one that dies is replaced at once.
         ``on_death`` is called for each process that is found dead.
@@ -61,16 +53,11 @@ class LocalPool:
         self.failure: str | None = None
         """Why the last start of a simulator failed; None if it did not."""
         self._spare = spare
-        self._start_timeout_s = start_timeout_s
-        self._timeout_s = timeout_s
-        self._environment = {"OMP_NUM_THREADS": "1", **(environment or {})}
-        self._command = tuple(command)
+        self._begin = start
         self._on_death = on_death
-        self._idle: list[LocalSimulator] = []
-        self._busy: dict[LocalSimulator, str] = {}
+        self._idle: list[Simulator] = []
+        self._busy: dict[Simulator, str] = {}
         self._starting: set[asyncio.Task[None]] = set()
-        # A start takes a core for seconds. More starts than cores would all be late.
-        self._starts = asyncio.Semaphore(Machine().processors())
         self._waiting: list[_Waiting] = []
         self._paused = False
         self._town: Place = ("", None)
@@ -96,6 +83,12 @@ class LocalPool:
         """Return the memory of all simulators, bytes, what they share counted once. Takes a while."""
         return sum(simulator.memory() for simulator in [*self._idle, *self._busy])
 
+    def resize(self, slots: int) -> None:
+        """Let another number of simulators drive. Those that drive go on, even if they are more."""
+        self.slots = slots
+        if not self._stopping:
+            self._hand_out()
+
     async def start(self) -> None:
         """Make a first simulator ready. Raises SimulatorStartError."""
         self._idle.append(await self._started())
@@ -109,7 +102,7 @@ class LocalPool:
         await asyncio.gather(*(simulator.close() for simulator in [*self._idle, *self._busy]))
         self._idle.clear()
 
-    async def acquire(self, town: Place, agent: str) -> LocalSimulator:
+    async def acquire(self, town: Place, agent: str) -> Simulator:
         """Return a simulator for the caller alone, preferably one that has the town loaded.
 
         Of two calls that wait for a start, that of the agent with fewer simulators comes first.
@@ -151,7 +144,7 @@ class LocalPool:
         """Return the waiting calls, the next one first."""
         return in_turn(Counter(self._busy.values()), ((waiting.agent, waiting) for waiting in self._waiting))
 
-    async def release(self, simulator: LocalSimulator) -> None:
+    async def release(self, simulator: Simulator) -> None:
         """Take a simulator back, dead or alive."""
         if simulator not in self._busy:
             return
@@ -219,23 +212,20 @@ class LocalPool:
             if not self._stopping:
                 self._hand_out()
 
-    async def _started(self) -> LocalSimulator:
+    async def _started(self) -> Simulator:
         if self._stopping:
             raise SimulatorStartError("the service is stopping")
         try:
-            async with self._starts:
-                simulator = await LocalSimulator.start(
-                    self._command, self._environment, start_timeout_s=self._start_timeout_s, timeout_s=self._timeout_s
-                )
+            simulator = await self._begin()
         except SimulatorStartError as error:
             self.failure = str(error)
             raise
         self.failure = None
-        self._log.info("simulator started", pid=simulator.process.pid)
+        self._log.info("simulator started", process=simulator.name)
         return simulator
 
-    async def _close_dead(self, simulator: LocalSimulator) -> None:
+    async def _close_dead(self, simulator: Simulator) -> None:
         await simulator.close()
         if not self._stopping:
             self._on_death()
-            self._log.warning("simulator died", pid=simulator.process.pid, status=simulator.process.returncode)
+            self._log.warning("simulator died", process=simulator.name)

@@ -1,0 +1,169 @@
+"""The driver of Ray: ``python -m wrongturn_service.cluster.driver ADDRESS``, a child of the service.
+
+Nothing else of the service imports Ray, which ends a process whose cluster is lost. The driver then ends with a status
+that is not 0, and the service starts another one. Its programs end with it. It ends with stdin, too.
+
+Lines of JSON on stdin:
+    | ``{"do": "start", "id", "command", "environment", "files", "cores", "memory", "gpus"}``; ``files`` has paths
+    | ``{"do": "end", "id"}``
+
+Lines of JSON on stdout:
+    | ``{"said": "connected", "address"}``, the address of this machine in the cluster
+    | ``{"said": "nodes", "nodes"}`` whenever they change, each with ``name``, ``cores`` and ``memory``
+    | ``{"said": "trouble", "why"}``
+    | ``{"said": "ended", "id", "status", "words", "node", "why"}``
+"""
+
+import asyncio
+import functools
+import json
+import logging
+import os
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+LONGEST: Final = 1 << 20
+"""Longest line, bytes."""
+LOOK_S: Final = 2.0
+"""Seconds between two looks at the nodes."""
+_PATIENCE_S: Final = 5.0
+"""Seconds in which Ray's head has to answer."""
+
+
+class Driver:
+    """Starts and ends programs, and tells what becomes of them."""
+
+    def __init__(self, out: int) -> None:
+        """Create it; ``out`` is the descriptor that lines are written to."""
+        self._out = out
+        self._refs: dict[str, Any] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def say(self, said: str, **values: object) -> None:
+        """Write one line."""
+        data = json.dumps({"said": said, **values}).encode() + b"\n"
+        while data:
+            data = data[os.write(self._out, data) :]
+
+    async def serve(self) -> None:
+        """Do what stdin asks for, until its end."""
+        reader = asyncio.StreamReader(limit=LONGEST)
+        await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+        self._begin(self._watch())
+        while line := await reader.readline():
+            message = json.loads(line)
+            if message.pop("do") == "start":
+                self._begin(self._run(**message))
+            else:
+                self._end(message["id"])
+        # Ray ends the programs of a driver that is gone. A clean end would wait for a head that may be gone too.
+        os._exit(0)
+
+    def _begin(self, work: Any) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def _end(self, name: str) -> None:
+        import ray  # noqa: PLC0415
+
+        if name in self._refs:
+            # By force: what waits for a process does not notice anything else.
+            ray.cancel(self._refs[name], force=True)
+
+    async def _run(
+        self,
+        id: str,  # noqa: A002
+        command: list[str],
+        environment: dict[str, str],
+        files: dict[str, str],
+        cores: float,
+        memory: int,
+        gpus: float,
+    ) -> None:
+        from wrongturn_service.cluster.node import versions  # noqa: PLC0415
+
+        try:
+            task = _task().options(num_cpus=cores, memory=memory or None, num_gpus=gpus)
+            contents = {name: await asyncio.to_thread(Path(path).read_bytes) for name, path in files.items()}
+            self._refs[id] = ref = task.remote(command, environment, contents, versions())
+            end = await ref
+        except Exception as error:
+            # The first line is the message; what follows is where in Ray it happened.
+            why = f"{type(error).__name__}: {(str(error) or 'without a message').splitlines()[0]}"
+            end = {"status": None, "words": "", "node": "", "why": why}
+        finally:
+            self._refs.pop(id, None)
+        self.say("ended", id=id, **end)
+
+    async def _watch(self) -> None:
+        told: object = None
+        while True:
+            try:
+                found = await asyncio.wait_for(asyncio.to_thread(nodes), _PATIENCE_S)
+            except Exception as error:
+                lost = isinstance(error, TimeoutError)
+                news = "Ray's head does not answer" if lost else f"Ray's head failed: {error}"
+                if news != told:
+                    self.say("trouble", why=news)
+            else:
+                news = found
+                if news != told:
+                    self.say("nodes", nodes=news)
+            told = news
+            await asyncio.sleep(LOOK_S)
+
+
+def nodes() -> Any:
+    """Return what the cluster has: the nodes that live, each with its name, cores and bytes of memory."""
+    import ray  # noqa: PLC0415
+
+    return sorted(
+        (
+            {
+                "name": f"{node['NodeManagerHostname']} ({node['NodeManagerAddress']}, {node['NodeID'][:8]})",
+                "cores": node["Resources"].get("CPU", 0.0),
+                "memory": int(node["Resources"].get("memory", 0)),
+            }
+            for node in ray.nodes()
+            if node["Alive"]
+        ),
+        key=lambda node: node["name"],
+    )
+
+
+@functools.cache
+def _task() -> Any:
+    import ray  # noqa: PLC0415
+
+    from wrongturn_service.cluster import node  # noqa: PLC0415
+
+    ray.cloudpickle.register_pickle_by_value(node)
+    return ray.remote(max_retries=0, scheduling_strategy="SPREAD")(node.run)
+
+
+def connect(address: str) -> str:
+    """Connect this process with a cluster; return the address of this machine in it. Raises what Ray raises."""
+    import ray  # noqa: PLC0415
+
+    ray.init(address=address, log_to_driver=False, logging_level=logging.WARNING, namespace="wrongturn")
+    return str(ray.util.get_node_ip_address())
+
+
+def main() -> None:
+    """Drive the cluster whose address the command line names."""
+    out = os.dup(1)
+    os.dup2(2, 1)  # what Ray prints must not mix with our lines
+    driver = Driver(out)
+    try:
+        driver.say("connected", address=connect(sys.argv[1]))
+    except Exception as error:
+        cause = f" ({error.__cause__})" if error.__cause__ is not None else ""
+        driver.say("trouble", why=f"cannot connect to Ray at {sys.argv[1]}: {error}{cause}")
+        sys.exit(1)
+    asyncio.run(driver.serve())
+
+
+if __name__ == "__main__":
+    main()
