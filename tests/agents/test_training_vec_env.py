@@ -1,5 +1,3 @@
-import warnings
-
 import numpy as np
 import pytest
 
@@ -81,13 +79,3 @@ def test_a_trial_by_the_options():
     envs.set_options([{"trial": "a"}, {}])
     with pytest.raises(ValueError, match="options"):
         envs.reset()
-
-
-@pytest.mark.slow
-def test_ppo_takes_steps():
-    envs = WrongturnVecEnv(2, town="junctions", track="camera", fault="infeasible", threads=2)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # advice on images
-        model = sb3.PPO("MultiInputPolicy", envs, n_steps=10, batch_size=10, n_epochs=1, device="cpu", seed=1)
-        model.learn(40)
-    assert model.num_timesteps == 40

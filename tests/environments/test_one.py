@@ -10,7 +10,7 @@ from kinds import BRAKE, GAS, Environments
 
 from wrongturn_client import ApiError, Client
 from wrongturn_networks import load_suite, load_town
-from wrongturn_protocol import Action, Track
+from wrongturn_protocol import Action, OptionError, Track
 from wrongturn_protocol.observations import action_space, observation_space
 
 
@@ -122,25 +122,45 @@ def test_an_action_may_be_an_action_an_array_a_tuple_or_a_list(kind: Environment
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"trial": "Town01.J1-S.none.s1"}, "trial.*needs the suite"),
         ({"suite": "smoke@3", "town": "Town01"}, "suite"),
-        ({"suite": "smoke@3", "task": "straight"}, "task"),
-        ({"fault": "gremlins"}, "gremlins"),
-        ({"task": "wander"}, "wander"),
-        ({"weather": "Foggy"}, "weather: 'Foggy' is unknown; give one of ClearNoon"),
-        ({"weather": []}, "weather"),
-        ({"traffic": {"vehicles": -1}}, "vehicles"),
-        ({"route": 9}, "route: 9"),
-        ({"track": "radar"}, "radar"),
+        ({"track": "cam"}, r"^track: 'cam' is unknown; .*\. Did you mean camera\?$"),
+        ({"fault": "infeasable"}, r"^fault: 'infeasable' is unknown; .*\. Did you mean infeasible\?$"),
+        ({"traffic": {"vehicle": 2}}, r"^traffic\.vehicle: .*\. Did you mean vehicles\?$"),
         ({"render_mode": "ansi"}, "render_mode"),
     ],
 )
 def test_what_cannot_be_made_says_why(kind: Environments, options: dict[str, Any], named: str) -> None:
+    """Some of the options that ``tests/protocol/test_trial_options.py`` has all of."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for make in (kind.one, kind.many):
             with pytest.raises(ValueError, match=named):
                 make(**options)
+
+
+def test_an_option_that_does_not_exist_is_told_with_all_that_do(kind: Environments) -> None:
+    own = ("url", "token", "patience") if kind.is_remote else ("strict", "camera")
+    for make in (kind.one, kind.many):
+        with pytest.raises(
+            TypeError, match=r"^rendr_mode: there is no such option; .*\. Did you mean render_mode\?"
+        ) as told:
+            make(rendr_mode="human")
+        for name in (*own, "render_mode", "town", "track", "traffic"):
+            assert f" {name}" in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"trail": "x"}, r"^options\.trail: there is no such option; give trial.*\. Did you mean trial\?$"),
+        ({"seed": 3}, r"^options\.seed: there is no such option; give trial[^.]*$"),
+        (["trial"], r"^options: is \['trial'\]; give a dict with trial"),
+    ],
+)
+def test_an_unknown_option_of_reset_is_named(kind: Environments, options: Any, named: str) -> None:
+    for env in (kind.one(), kind.many()):
+        with pytest.raises(OptionError, match=named):
+            env.reset(options=options)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from shapely import LineString, Point
 
 from wrongturn_networks import draw_journey, load_town
-from wrongturn_protocol import DIRECTIONS, Command, Task, Track, Traffic, Verdict
+from wrongturn_protocol import DIRECTIONS, Command, OptionError, Task, Track, Traffic, Verdict
 from wrongturn_sim import Episode, JourneyGeometry, Trajectory, WrongturnSimEnv, WrongturnVectorEnv, judge
 from wrongturn_sim.route import start_pose
 from wrongturn_sim.simulator_process import EnvironmentSimulator
@@ -222,27 +222,30 @@ def _lengths(town, edges):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "named"),
+    ("journeys", "says"),
     [
-        ({"task": "cruise", "suite": "smoke@3"}, "task"),
-        ({"town": "Town02", "task": "racing"}, "racing"),
-        ({"town": "Town02", "journeys": {"time_limit": 5.0}}, "journeys"),
-        ({"town": "Town02", "task": "cruise", "journeys": {"colour": "red"}}, "colour"),
-        ({"town": "Town02", "task": "cruise", "approach": "J2-S"}, "approach"),
-        ({"town": "Town02", "task": "navigation", "fault": "omission"}, "fault"),
-        ({"town": "Town02", "task": "cruise", "journeys": {"near_junctions": 2.0}}, "near_junctions"),
-        ({"town": "Town02", "task": "racing"}, "task: .*navigation_dynamic"),
-        ({"town": "Town02", "task": "cruise", "journeys": 3}, "journeys: 3"),
-        ({"town": "Town02", "task": "cruise", "journeys": "time_limit"}, "journeys: 'time_limit'"),
-        ({"town": "Town02", "task": "cruise", "weather": 3}, "weather: 3"),
-        ({"town": "Town02", "task": "cruise", "strict": "no"}, "strict: is 'no'"),
-        ({"town": "Town02", "task": "cruise", "strict": None}, "strict: is None"),
+        ({"colour": "red"}, "colour: there is no such option"),
+        ({"near_junction": 0.4}, r"near_junction: there is no such option; .*\. Did you mean near_junctions\?$"),
+        ({"near_junctions": 2.0}, "near_junctions, near_bends, inside_junctions: .* are not shares"),
+        ({"time_limit": math.nan}, "time_limit: nan is no time to drive; give seconds, more than 0$"),
+        ({"time_limit": -1}, "time_limit: -1 is no time to drive; give seconds, more than 0$"),
+        ({"time_limit": "long"}, "'time_limit': 'long'.* has a value of the wrong type"),
+        ({"speed": 5}, "'speed': 5.* has a value of the wrong type"),
+        ({"least_traffic": {"vehicles": 2}}, "'least_traffic': .* has a value of the wrong type"),
     ],
 )
-def test_what_cannot_be_drawn_says_why(arguments, named):
+def test_what_is_wrong_with_journeys_is_told_in_one_line(journeys, says):
+    """What other options go with journeys: ``tests/protocol/test_trial_options.py``."""
     for make in (WrongturnSimEnv, lambda **more: WrongturnVectorEnv(2, **more)):
-        with pytest.raises(ValueError, match=named):
-            make(**arguments)
+        with pytest.raises(OptionError, match=rf"^journeys[.:].*{says}") as told:
+            make(town="Town02", task="cruise", journeys=journeys)
+        assert "\n" not in str(told.value)
+
+
+def test_strict_is_a_truth_value():
+    for strict in ("no", None):
+        with pytest.raises(OptionError, match=f"strict: is {strict!r}"):
+            WrongturnSimEnv(town="Town02", task="cruise", strict=strict)
 
 
 @pytest.mark.parametrize("wrong", ["goal", "goal_at", "approach"])
