@@ -234,12 +234,6 @@ def test_the_same_secret_gives_the_same_trials_for_ever() -> None:
     assert sha256_of(paper(GOLDEN_SECRET)) == GOLDEN
 
 
-def test_the_commitment_is_the_sha256_of_the_text() -> None:
-    draw = paper("a secret")
-    assert draw.commitment == commitment_of("a secret") == hashlib.sha256(b"a secret").hexdigest()
-    assert draw.secret == "a secret"
-
-
 def test_the_open_draw_is_drawn_from_the_suites_id() -> None:
     suite = load_suite("smoke@3")
     assert suite.open_draw.secret == "smoke@3"

@@ -4,8 +4,6 @@ import dataclasses
 import hashlib
 import json
 import shutil
-from collections import Counter
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +22,7 @@ from wrongturn_networks import (
 )
 from wrongturn_networks.catalogue import list_suites
 from wrongturn_networks.suites import SUITES, canonical, check_suite
-from wrongturn_protocol import PAPER_TYPES, Fault, FaultKind, JunctionType, Track, Traffic, Weather
+from wrongturn_protocol import Fault, FaultKind, JunctionType
 
 PINNED = {
     "navigation@1": "9b57c582ae19be91c7bb3ba9b87988bc005107f2009bd72ea038f1b828914383",
@@ -39,7 +37,6 @@ TOWN_PINNED = {
     "Town02": "132364253d662fcb919faa0893eb548dbec0d2a5d16a14848ec808813e4da3c6",
 }
 """A suite measures its towns too: changed streets or houses need a new version of the suite."""
-FAULTS = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
 
 
 TOWNS_STAND = [name for name in suite_ids() if not load_suite(name).makes_towns]
@@ -67,32 +64,11 @@ def test_the_suites_town_has_not_changed() -> None:
     assert {town: load_town(town).sha256 for town in towns} == TOWN_PINNED
 
 
-def test_the_papers_cells_in_ten_unseen_towns() -> None:
+def test_a_secret_draws_ten_towns_of_its_own() -> None:
     suite = load_suite("wrong-command-unseen@1")
-    assert (suite.counts, suite.makes_towns, suite.of_journeys) == ((60, 60), True, False)
-    cells = Counter((cell.town, cell.junction_type, cell.fault.kind) for cell in suite.cells)
-    assert cells == Counter(product([f"drawn {number}" for number in range(10)], PAPER_TYPES, FAULTS))
-    assert {(cell.weather, cell.traffic) for cell in suite.cells} == {(Weather.CLEAR_NOON, Traffic())}
     towns = suite.drawn_towns("a secret")
     assert len(set(towns)) == 10
     assert set(towns).isdisjoint(suite.drawn_towns("another secret"))
-
-
-def test_the_papers_sixty_cells() -> None:
-    suite = load_suite("wrong-command@3")
-    assert (suite.name, suite.version, len(suite.cells), suite.listed) == ("wrong-command", 3, 60, ())
-    assert suite.tracks == (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)
-    assert Counter((cell.junction_type, cell.fault.kind) for cell in suite.cells) == dict.fromkeys(
-        product(PAPER_TYPES, FAULTS), 10
-    )
-    assert {(cell.town, cell.weather, cell.traffic) for cell in suite.cells} == {
-        ("Town01", Weather.CLEAR_NOON, Traffic())
-    }
-
-
-def test_six_for_a_first_try() -> None:
-    trials = load_suite("smoke@3").trials
-    assert sorted((t.junction_type, t.fault.kind) for t in trials) == sorted(product(PAPER_TYPES, FAULTS))
 
 
 def test_what_the_service_shows(paired: Suite) -> None:
@@ -102,6 +78,14 @@ def test_what_the_service_shows(paired: Suite) -> None:
     assert (summary.trials, summary.twins) == (len(paired.trials), len(paired.trials))
     shown = paired.trial_list().trials
     assert [(trial.id, trial.twin) for trial in shown] == [(trial.id, trial.twin().id) for trial in paired.trials]
+
+
+def test_what_the_service_shows_of_a_journey() -> None:
+    suite = load_suite("navigation@1")
+    for shown, trial in zip(suite.trial_list().trials, suite.trials, strict=True):
+        assert (shown.id, shown.twin, shown.journey) == (trial.id, None, trial.journey)
+    assert "journey" in shown.model_dump()
+    assert "journey" not in load_suite("smoke@3").trial_list().trials[0].model_dump()
 
 
 @pytest.mark.parametrize(
