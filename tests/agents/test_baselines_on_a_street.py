@@ -1,12 +1,10 @@
 """The baselines on a hand-made junction, by what they do and not by a verdict."""
 
-import math
-
 import numpy as np
 import pytest
 from handmade_street import LANE_Y, STOP_X, Street, exit_path
 
-from wrongturn_agents.baselines import AlwaysStops, Careful, IgnoresCommands, ObeysBlindly, Parked, Path
+from wrongturn_agents.baselines import AlwaysStops, Careful, IgnoresCommands, ObeysBlindly, Parked
 from wrongturn_protocol import DIRECTIONS, Command
 
 LEFT, RIGHT, STRAIGHT, FOLLOW = Command.LEFT, Command.RIGHT, Command.STRAIGHT, Command.LANE_FOLLOW
@@ -94,17 +92,3 @@ def test_an_agent_forgets_its_last_episode():
     street(DIRECTIONS, LEFT, STARTS[0]).drive(agent, 6.0)
     again = street(DIRECTIONS, RIGHT).drive(agent, 6.0)
     assert again.trace == fresh.trace
-
-
-def test_a_path_needs_two_points():
-    with pytest.raises(ValueError, match="needs two that differ"):
-        Path.through(np.zeros((5, 2)))
-
-
-def test_a_path_measures_itself():
-    path = Path.through(exit_path(RIGHT))
-    assert path.project(STOP_X - 3.0, LANE_Y) == pytest.approx(-3.0, abs=0.1)
-    assert path.at(-2.0) == pytest.approx((STOP_X - 2.0, LANE_Y), abs=0.2)
-    on_bend = path.speed_limit(4.0, lateral=3.0, braking=3.0)
-    assert on_bend == pytest.approx(math.sqrt(3.0 * 6.0), rel=0.1)
-    assert path.speed_limit(-5.0, lateral=3.0, braking=3.0) > on_bend

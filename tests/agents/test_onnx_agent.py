@@ -61,14 +61,6 @@ def test_a_model_drives_several_episodes_at_a_time(tmp_path):
     assert episodes_side_by_side(resolve("careful").make(), None) == 1
 
 
-def test_a_model_that_accelerates_and_brakes_by_one_output(tmp_path):
-    agent = resolve(str(write_identity(tmp_path / "identity.onnx", opset=18))).make()
-    action = agent.act(observation(speed=0.25, steering=-0.5))
-    assert (action.steer, action.throttle, action.brake) == (-0.5, 0.25, 0.0)
-    action = agent.act(observation(speed=-0.75, steering=-0.5))
-    assert (action.steer, action.throttle, action.brake) == (-0.5, 0.0, 0.75)
-
-
 def test_a_memory_lasts_one_episode_and_belongs_to_one_agent(tmp_path):
     source = resolve(str(write_adder(tmp_path / "adder.onnx")))
     agent, other = source.make(), source.make()
@@ -109,32 +101,6 @@ def test_metadata_names_the_agent_and_its_track(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("inputs", "extra", "says"),
-    [
-        (("steering", "speed", "velocity"), {}, "velocity: no such observation key"),
-        (
-            ("steering", "speed", "speed"),
-            {"output": "control"},
-            "outputs: control; the contract wants steer and accelerate; or",
-        ),
-        (("steering", "speed"), {}, "output action: is (1, 2); let it be (N, 3)"),
-        (("steering", "speed", "speed"), {"opset": 3}, "opset: 3; export the model with one from 7 to"),
-        (("steering", "speed", "speed"), {"metadata": {"track": "sonar"}}, "metadata track: sonar is none of"),
-        (
-            ("steering", "speed", "speed"),
-            {"metadata": {"trained_on_faults": "yes"}},
-            "metadata trained_on_faults: yes; write true or false",
-        ),
-    ],
-)
-def test_a_model_against_the_contract(tmp_path, inputs, extra, says):
-    file = write_concat_model(tmp_path / "tiny.onnx", inputs, **extra)
-    with pytest.raises(ModelFileError) as caught:
-        resolve(str(file))
-    assert says in str(caught.value)
-
-
-@pytest.mark.parametrize(
     ("node", "says"),
     [
         (helper.make_node("Concat", ["speed", "speed"], ["action"], axis=1), r"output action: is .*float32 \(1, 2\)"),
@@ -146,13 +112,6 @@ def test_a_graph_that_cannot_drive_is_told_before_anything_is_begun(tmp_path, no
     free, weight = (None, None), helper.make_tensor("weight", TensorProto.FLOAT, [2, 3], [0.0] * 6)
     file = write_model(tmp_path / "free.onnx", [node], {"speed": free}, {"action": free}, initializer=[weight])
     with pytest.raises(ModelFileError, match=says):
-        resolve(str(file))
-
-
-def test_a_file_that_is_no_model(tmp_path):
-    file = tmp_path / "text.onnx"
-    file.write_text("not a model")
-    with pytest.raises(ModelFileError, match="is no ONNX model, or is cut off; export the model again"):
         resolve(str(file))
 
 

@@ -6,7 +6,7 @@ import pytest
 from handmade_junction import FOLLOW, LEFT, RIGHT, STRAIGHT, arc, drive, junction, trial, verdict_of, way
 from shapely import box
 
-from wrongturn_protocol import DIRECTIONS, Command, Flag, JunctionType, Verdict
+from wrongturn_protocol import DIRECTIONS, Command, Verdict
 
 CROSS = junction()
 WAYS = {STRAIGHT: 41.0, LEFT: 25.0 + 5 * math.pi, RIGHT: 25.0 + 3 * math.pi}
@@ -90,23 +90,6 @@ def test_lane_follow_after_a_direction_does_not_take_it_back() -> None:
     assert verdict(rows, route=LEFT) is Verdict.EXIT_COMMANDED
     rows = drive(way(STRAIGHT), [(9.0, 8.0)], command=lambda s: Command.VOID if s > 20 else STRAIGHT)
     assert verdict(rows, route=LEFT) is Verdict.EXIT_COMMANDED
-
-
-def test_an_exit_that_the_approach_lacks_is_none() -> None:
-    for kind in (JunctionType.LEFT_RIGHT, JunctionType.STRAIGHT_LEFT, JunctionType.STRAIGHT_RIGHT):
-        missing = kind.missing
-        assert missing is not None
-        outcome = verdict_of(drive(way(missing), [(9.0, 8.0)], command=missing), junction(kind), trial(kind))
-        assert outcome.verdict is Verdict.OFF_ROAD
-        assert outcome.exit is None
-
-
-@pytest.mark.parametrize("lateral", [3.0, 4.0, 5.0])
-def test_out_by_an_oncoming_lane_is_the_wrong_way(lateral: float) -> None:
-    outcome = verdict_of(drive(way(STRAIGHT, lateral=lateral), [(12.0, 8.0)], command=STRAIGHT), CROSS, trial())
-    assert outcome.verdict is Verdict.WRONG_WAY
-    assert outcome.flags == (Flag.OPPOSED_LANE,)
-    assert outcome.exit is None
 
 
 def test_turned_round_into_the_own_arm_is_the_wrong_way() -> None:

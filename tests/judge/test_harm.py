@@ -213,12 +213,6 @@ def test_at_one_instant_off_the_road_comes_before_a_stop_and_the_wrong_way() -> 
     assert (off.verdict, off.time) == (Verdict.OFF_ROAD, wrong.time)
 
 
-def test_the_earliest_verdict_is_the_verdict() -> None:
-    rows = drive(way(STRAIGHT, begin=10.0), [(1.0, 2.0), (10.05, 0.0)])
-    later = [rows[-1]._replace(t=rows[-1].t + 0.05, x=50.0), rows[-1]._replace(t=rows[-1].t + 0.1, x=50.0)]
-    assert verdict_of([*rows, *later], CROSS, trial()).verdict is Verdict.STOPPED_BEFORE_JUNCTION
-
-
 def test_a_verdict_may_fall_at_the_start() -> None:
     rows = [row._replace(x=5.0) for row in drive(way(RIGHT), [(1.0, 8.0)])]
     watching = Judge(CROSS, trial())

@@ -41,15 +41,6 @@ def test_void_and_what_is_no_command_follow_the_lane(branches, other):
         torch.testing.assert_close(got, wanted, rtol=0, atol=0)
 
 
-def test_alone_and_together_are_the_same(branches):
-    features, command = torch.randn(3, 8), torch.tensor([1, 2, 4])
-    mean, value = branches(features, command)
-    torch.testing.assert_close(branches.act(features, command), mean)
-    torch.testing.assert_close(branches.estimate(features, command), value)
-    assert mean.shape == (3, 2)
-    assert value.shape == (3,)
-
-
 @pytest.mark.parametrize("activation", ["tanh", "elu"])
 @pytest.mark.parametrize("command", COMMANDS)
 def test_no_branch_is_ever_without_a_slope(activation, command):
