@@ -41,12 +41,15 @@ class Watched(DriveConnection):
     journal: Journal
 
     def exchange(self, calls: Sequence[EpisodeCall]) -> list[Result]:
+        began = time.time()
         results = super().exchange(calls)
         for call, result in zip(calls, results, strict=True):
             if isinstance(result, ApiError):
                 self.journal.note("refused", problem=result.type)
             elif call[0] == Call.STEP and (result["terminated"] or result["truncated"]):
                 self.journal.note("final", episode=call[1], seq=result["seq"])
+        if not any(isinstance(result, ApiError) for result in results):
+            self.journal.note("exchange", began=began)
         return results
 
 

@@ -16,6 +16,7 @@ from wrongturn_service import cli, server
 from wrongturn_service.address import AddressError, bind
 from wrongturn_service.settings import PREFIX, Settings
 from wrongturn_service.simulators import check
+from wrongturn_service.simulators.local_simulator import LocalStarter
 from wrongturn_service.storage.database import Database
 
 
@@ -120,7 +121,8 @@ def test_a_simulators_memory_is_told_without_the_compilers(
 ) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("WRONGTURN_SIMULATORS", "1")
-    monkeypatch.setattr(check, "COMMAND", (sys.executable, "-c", COMPILING))
+    command = (sys.executable, "-c", COMPILING)
+    monkeypatch.setitem(LocalStarter.__init__.__kwdefaults__, "command", command)  # type: ignore[arg-type]
     monkeypatch.setattr(check, "_COMPILED_S", 0.0)
     monkeypatch.setattr(check.Machine, "available_memory", lambda _: free)
     for _ in range(2):

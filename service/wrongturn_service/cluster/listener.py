@@ -4,9 +4,10 @@ import asyncio
 import contextlib
 import hmac
 import secrets
+import socket
 import ssl
-from collections.abc import Callable, Iterator
-from typing import Final
+from collections.abc import Callable, Coroutine, Iterator
+from typing import Any, Final
 
 import structlog
 from typing_extensions import override
@@ -38,20 +39,27 @@ class Listener:
 
     def __init__(self, tls: ssl.SSLContext | None = None) -> None:
         self._tls = tls
-        self._server: asyncio.Server
+        self._socket: socket.socket | None = None
         self._expected: dict[str, Expected] = {}
-        self.strangers = 0
-        self.log = structlog.get_logger("cluster")
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._log = structlog.get_logger("cluster")
 
     async def open(self, host: str, port: int) -> int:
         """Listen; return the port, which port 0 leaves to the system. Raises OSError."""
-        loop = asyncio.get_running_loop()
-        self._server = await loop.create_server(lambda: _Stranger(self), host, port, ssl=self._tls, backlog=_BACKLOG)
-        return int(self._server.sockets[0].getsockname()[1])
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        (found, *_) = await asyncio.get_running_loop().getaddrinfo(host, port, family=family, type=socket.SOCK_STREAM)
+        self._socket = socket.create_server(found[4][:2], family=family, backlog=_BACKLOG)
+        self._socket.setblocking(False)
+        self._begin(self._accept(self._socket))
+        return int(self._socket.getsockname()[1])
 
-    def close(self) -> None:
-        """Take no more connections."""
-        self._server.close()
+    async def close(self) -> None:
+        """Take no more connections, and close those of strangers."""
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        if self._socket is not None:
+            self._socket.close()
 
     @contextlib.contextmanager
     def expect(self, protocol: Callable[[], asyncio.Protocol]) -> Iterator[Expected]:
@@ -68,57 +76,80 @@ class Listener:
         found = [name for name in self._expected if hmac.compare_digest(name.encode(), secret)]
         return self._expected.pop(found[0]) if found else None
 
-    @property
-    def full(self) -> bool:
-        """Whether one more stranger is too many."""
-        return self.strangers > _STRANGERS
+    def _begin(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _accept(self, listening: socket.socket) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                stream, address = await loop.sock_accept(listening)
+            except OSError as error:  # no descriptors are left
+                self._log.warning("no connection could be taken", reason=str(error))
+                await asyncio.sleep(1.0)
+                continue
+            if len(self._tasks) > _STRANGERS:
+                stream.close()
+            else:
+                self._begin(self._meet(stream, address))
+
+    async def _meet(self, stream: socket.socket, address: object) -> None:
+        """Hear the secret of a connection, or close it."""
+        stranger = _Stranger(self)
+        try:
+            async with asyncio.timeout(_PATIENCE_S):
+                keep_watch(stream)
+                loop = asyncio.get_running_loop()
+                await loop.connect_accepted_socket(lambda: stranger, stream, ssl=self._tls)
+                await stranger.known
+        except (OSError, TimeoutError) as error:  # ssl.SSLError is an OSError
+            self._log.warning("a stranger connected", address=address, reason=str(error) or "it said nothing")
+            stranger.close()
+            stream.close()
 
 
 class _Stranger(asyncio.Protocol):
     """A connection that has not named a secret yet."""
 
     def __init__(self, listener: Listener) -> None:
+        self.known: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._listener = listener
         self._heard = bytearray()
-        self._transport: asyncio.Transport
-        self._late: asyncio.TimerHandle
-        self._known = False
+        self._transport: asyncio.Transport | None = None
 
     @override
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         self._transport = transport
-        self._listener.strangers += 1
-        self._late = asyncio.get_running_loop().call_later(_PATIENCE_S, transport.abort)
-        keep_watch(transport.get_extra_info("socket"))
-        if self._listener.full:
-            transport.abort()
 
     @override
     def data_received(self, data: bytes) -> None:
         self._heard += data
         hello, end, rest = self._heard.partition(b"\n")
-        if not end and len(hello) <= _HELLO:
+        if (not end and len(hello) <= _HELLO) or self.known.done():
             return
         secret, _, about = hello.partition(b" ")
         expected = self._listener.claim(bytes(secret)) if end else None
-        if expected is None or expected.connected.done():
-            self._listener.log.warning("a stranger connected", address=self._transport.get_extra_info("peername"))
-            self._transport.abort()
+        if expected is None:
+            self.known.set_exception(ConnectionError("it knows no secret"))
             return
-        self._leave()
+        assert self._transport is not None
         protocol = expected.protocol()
         self._transport.set_protocol(protocol)
         protocol.connection_made(self._transport)
+        self.known.set_result(None)
         expected.connected.set_result(about.decode(errors="replace"))
         if rest:
             protocol.data_received(bytes(rest))
 
     @override
     def connection_lost(self, exc: Exception | None) -> None:
-        if not self._known:
-            self._leave()
+        if not self.known.done():
+            self.known.set_exception(ConnectionError("it went away"))
 
-    def _leave(self) -> None:
-        self._known = True
-        self._late.cancel()
-        self._listener.strangers -= 1
+    def close(self) -> None:
+        """Close the connection at once."""
+        self.known.cancel()
+        if self._transport is not None:
+            self._transport.abort()

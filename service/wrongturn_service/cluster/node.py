@@ -72,6 +72,8 @@ def run(
         with contextlib.suppress(ProcessLookupError):  # what is left of its group
             os.killpg(process.pid, signal.SIGKILL)
         reader.join(1.0)  # a process that left the group may hold the pipe open
+        if not reader.is_alive():
+            process.stdout.close()
     return {"status": status, "words": bytes(words).decode(errors="replace"), "node": node, "why": None}
 
 

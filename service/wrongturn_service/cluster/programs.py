@@ -120,7 +120,7 @@ class Programs:
             with contextlib.suppress(asyncio.CancelledError):
                 await self._keeping
             self._keeping = None
-            self._listener.close()
+            await self._listener.close()
 
     async def connected(self) -> None:
         """Wait until programs can be started."""

@@ -1,0 +1,179 @@
+"""Programs on a Ray cluster, and simulators among them. ``benchmarks/ray_kills.py`` kills them in earnest."""
+
+import asyncio
+import contextlib
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from app_harness import until
+from pydantic import ValidationError
+from service_harness import RunningService, await_that, expect, figure
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+
+from ray_nodes import Nodes
+
+from wrongturn_service.cluster import listener as listening
+from wrongturn_service.cluster import node
+from wrongturn_service.cluster.connecting import CertificateError, connect, way
+from wrongturn_service.cluster.listener import Listener
+from wrongturn_service.cluster.options import server_tls
+from wrongturn_service.settings import Settings
+
+TRACK = {"track": "camera", "traffic": {"vehicles": 3}}
+
+
+@pytest.fixture(scope="module")
+def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
+    with pytest.MonkeyPatch.context() as patch, Nodes(workers=1, cores=2) as nodes:
+        for name, value in nodes.environment.items():
+            patch.setenv(name, value)
+        yield nodes
+
+
+@pytest.fixture(scope="module")
+def on_ray(nodes: Nodes, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
+    database = tmp_path_factory.mktemp("ray") / "wrongturn.db"
+    running = RunningService(database, simulators="ray:6", ray_address=nodes.address, ray_listen="127.0.0.1:0")
+    assert running.ready, running.stderr
+    yield running
+    assert running.stop() == 0, running.stderr
+    await_that(lambda: not nodes.simulators(1), "simulators outlive their service")
+
+
+@pytest.mark.slow
+def test_drives_on_a_node_and_here_give_the_same_bytes_whatever_is_killed(
+    nodes: Nodes, on_ray: RunningService, service: RunningService
+) -> None:
+    assert on_ray.simulators() == []
+    assert (figure(on_ray, "wrongturn_simulator_slots"), figure(on_ray, "wrongturn_ray_cores")) == (6, 2)
+    seen, trajectories = [], []
+    for running in (service, on_ray):
+        with running.agent("camera") as agent:
+            episode = agent.practise(**TRACK)["id"]
+            replies = [expect(agent.step(episode, seq), 200) for seq in range(1, 6)]
+            if running is on_ray:
+                (simulator,) = nodes.simulators(1)
+                simulator.kill()
+            replies.append(expect(agent.step(episode, 6), 200))
+            if running is on_ray:
+                (driver,) = nodes.children(running.process.pid)
+                driver.kill()
+                await_that(lambda: figure(on_ray, "wrongturn_ray_connections") == 2, "no driver came after")
+            seen.append([*replies, agent.drive(episode, begin=7)])
+            trajectories.append(agent.trajectory(episode))
+    assert seen[0] == seen[1]
+    assert trajectories[0] == trajectories[1]
+    assert figure(on_ray, "wrongturn_replays_total") >= 1
+
+
+def test_a_program_on_a_node(tmp_path: Path) -> None:
+    program = "import os, sys; print(open('a.txt').read(), os.environ['NAME'], file=sys.stderr); sys.exit(3)"
+    end = node.run(["-c", program], {"NAME": "x"}, {"a.txt": b"text"}, node.versions())
+    assert (end["status"], end["words"], end["why"]) == (3, "text x\n", None)
+    end = node.run(["-c", program], {}, {}, {"Python": "3.1", "wrongturn-service": "9"})
+    assert end["status"] is None
+    assert end["why"].endswith(
+        "but the service Python 3.1, wrongturn-service 9; install the same versions on all nodes"
+    )
+
+
+def test_a_program_ends_with_the_task_that_started_it(tmp_path: Path) -> None:
+    command = "['-c', 'import time; time.sleep(99)']"
+    code = f"from wrongturn_service.cluster import node; node.run({command}, {{}}, {{}}, node.versions())"
+    with subprocess.Popen([sys.executable, "-c", code]) as task:
+        await_that(lambda: len(Nodes.children(task.pid)) == 1, "no program")
+        (program,) = Nodes.children(task.pid)
+        task.kill()
+        await_that(lambda: not program.is_running() or program.status() == "zombie", "it lives on")
+
+
+class Heard(asyncio.Protocol):
+    """Keeps what it is sent."""
+
+    def __init__(self) -> None:
+        self.data = b""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        self.transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        self.data += data
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> tuple[Path, Path]:
+    certificate, key = tmp_path / "certificate.pem", tmp_path / "key.pem"
+    command = f"openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -subj /CN=w -keyout {key} -out"
+    subprocess.run([*command.split(), str(certificate)], check=True, capture_output=True)
+    return certificate, key
+
+
+@pytest.mark.parametrize("secure", [False, True])
+async def test_only_who_knows_the_secret_of_a_start_is_heard(
+    pair: tuple[Path, Path], secure: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(listening, "_PATIENCE_S", 0.5)
+    listener = Listener(server_tls(*pair) if secure else None)
+    address = f"127.0.0.1:{await listener.open('127.0.0.1', 0)}"
+    pem = pair[0].read_text() if secure else None
+    heard = Heard()
+    with listener.expect(lambda: heard) as expected:
+        for secret in ("", "wrong", expected.secret[:-1], "x" * 1000):
+            stranger = await asyncio.to_thread(connect, address, way(secret, pem))
+            assert await asyncio.to_thread(_read, stranger) == b""
+        silent = await asyncio.open_connection(*address.split(":"))
+        assert await asyncio.wait_for(silent[0].read(), 30) == b""
+        silent[1].close()
+        assert not expected.connected.done()
+        if secure:
+            lines = pair[0].read_text().splitlines()
+            lines[2] = lines[2][::-1]
+            with pytest.raises(CertificateError, match="another certificate than the service"):
+                await asyncio.to_thread(connect, address, way(expected.secret, "\n".join(lines)))
+        program = await asyncio.to_thread(connect, address, way(expected.secret, pem))
+        assert f"pid {os.getpid()}" in await asyncio.wait_for(expected.connected, 30)
+        await asyncio.to_thread(program.sendall, b"ready")
+        await until(lambda: heard.data == b"ready")
+        again = await asyncio.to_thread(connect, address, way(expected.secret, pem))
+        assert await asyncio.to_thread(_read, again) == b"", "a secret counts once"
+        program.close()
+        heard.transport.abort()
+    await listener.close()
+
+
+def _read(stream: object) -> bytes:
+    with contextlib.closing(stream), contextlib.suppress(ConnectionError):  # type: ignore[type-var]
+        return stream.recv(1)  # type: ignore[attr-defined,no-any-return]
+    return b""
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("simulators", "ray:0", "give a number from 1 to 4096, 'ray', or 'ray:' and a number"),
+        ("simulators", "rays", "give a number"),
+        ("ray_listen", "8001", "give an address and a port"),
+        ("ray_advertise", "host:x", "give an address and a port"),
+        ("ray_key", "/no/such/key", "WRONGTURN_RAY_CERTIFICATE is not set"),
+    ],
+)
+def test_settings_that_cannot_be(name: str, value: str, says: str) -> None:
+    with pytest.raises(ValidationError, match=f"{name}\n.*{says}"):
+        Settings(**{name: value})
+
+
+def test_without_ray_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing imports Ray unless it is asked for, and then the error names the extra."""
+    settings = Settings(simulators="ray:5")
+    assert (settings.most_simulators, settings.max_parallel, settings.max_open) == (5, 5, 20)
+    monkeypatch.setattr("wrongturn_service.cluster.options.find_spec", lambda _: None)
+    with pytest.raises(ValidationError, match=r"simulators\n.*pip install 'wrongturn-service\[ray\]'"):
+        Settings(simulators="ray")
+    assert Settings(simulators=2).simulators == 2
+    code = "import sys, wrongturn_service.server, wrongturn_service.simulators.worker; sys.exit('ray' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
