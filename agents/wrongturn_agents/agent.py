@@ -25,6 +25,11 @@ class Agent(Protocol):
     ``trained_on_faults``  True if it met wrong commands in its training; the leaderboard marks it
     =====================  ===========================================================================================
 
+    A memoryless agent may also have ``act_batch(observations)``. ``wrongturn run --workers`` and ``--ray`` call it in
+    place of ``act``, with the observations of all episodes that a worker holds open. Each array then has a batch axis
+    (n, …) in front, and it returns n actions, such as an array (n, 3). Each has to be what ``act`` gives for that
+    observation, to the last bit: an action must not depend on what else is in the batch (``docs/decisions.md``, 12).
+
     The class is created without arguments, once for an evaluation. An agent may remember things within an episode. It
     must forget them in :meth:`reset`, because trials come in a secret order.
     """

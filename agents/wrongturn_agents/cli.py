@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from wrongturn_agents.batch_options import MOST_DRAWS, BatchOptions, drive_batch
 from wrongturn_agents.errors import AgentFailedError, RunError
 from wrongturn_agents.evaluation_run import RunOptions, evaluate, made_once
 from wrongturn_agents.practice import PracticeRun, practice_table
@@ -23,11 +24,12 @@ _INTERRUPTED = 130
 
 
 def run(
-    agent: Annotated[
-        str | None,
+    agents: Annotated[
+        list[str] | None,
         typer.Argument(
+            metavar="[AGENT]...",
             help="A name that 'wrongturn agents' lists, package.module:Class, an .onnx file, or a .zip file of "
-            "Stable-Baselines3, whose code runs. Example: careful"
+            "Stable-Baselines3, whose code runs; several with --workers or --ray. Example: careful",
         ),
     ] = None,
     *,
@@ -84,6 +86,34 @@ def run(
             "Example: --parallel 4",
         ),
     ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Practise without a service, in so many processes of this machine. Example: --workers 4"
+        ),
+    ] = None,
+    ray: Annotated[
+        bool,
+        typer.Option(
+            "--ray", help="Practise without a service, on the Ray cluster that RAY_ADDRESS names, or a new one."
+        ),
+    ] = False,
+    draws: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=MOST_DRAWS,
+            help="With --workers or --ray: drive the open draw and so many public draws in all. Example: --draws 10",
+        ),
+    ] = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="I/N",
+            help="With --workers or --ray: drive the I-th of N pieces. 'wrongturn results --merge' joins their files. "
+            "Example: --shard 2/10",
+        ),
+    ] = None,
     progress: Annotated[
         ProgressStyle,
         typer.Option(
@@ -104,9 +134,13 @@ def run(
 
     Each of these can be in a file instead. Example: export WRONGTURN_TOKEN_FILE=tokens/careful/token
     """
+    agent = agents[0] if agents else None
     options = RunOptions(agent, suite, url, name, json_file, resume, parallel, progress, keep)
+    batch = BatchOptions(agents or (), draws, workers, ray, shard, task)
     try:
-        if practice or task is not None:
+        if batch.wanted:
+            drive_batch(options, batch)
+        elif practice or task is not None:
             _practise(options, task)
         else:
             _evaluate(options)

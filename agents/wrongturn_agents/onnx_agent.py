@@ -70,6 +70,14 @@ class OnnxAgent:
             raise ModelFileError(f"{self._file}: {error}") from error
         return action
 
+    def act_batch(self, observations: Observation) -> list[Action]:
+        """Return the model's action for each row of the observations, of a model without a memory.
+
+        The model gets one row at a time: onnxruntime rounds differently in a larger batch.
+        """
+        rows = len(observations["speed"])
+        return [self.act({key: array[row] for key, array in observations.items()}) for row in range(rows)]
+
 
 def load_onnxruntime() -> ModuleType:
     """Import onnxruntime with its telemetry off, unless ``ORT_DISABLE_TELEMETRY`` says otherwise.

@@ -40,10 +40,10 @@ class PracticeRun:
     """
 
     def __init__(self, source: AgentSource, suite: SuiteTrials, task: str | None, file: Path | None) -> None:
-        self.trials = tuple(suite.trials) if task is None else _of_task(suite, task)
+        self.trials = trials_of(suite, task)
         self._source, self._suite, self._file = source, suite, file
         self._results = ResultsFile(
-            agent=re.sub(r"[^A-Za-z0-9._-]+", "-", source.name),
+            agent=name_in_file(source),
             suite=suite.id,
             suite_sha256=suite.sha256,
             secret=suite.secret,
@@ -101,11 +101,11 @@ class PracticeRun:
         with Client(url, token) as client:
             begun = client.practise(PracticeRequest(suite=self._suite.id, trial=trial, track=self._source.track))
             drive_episode(client, agent, begun, stop=self._stop)
-            outcome = client.episode(begun.id).outcome
-        if outcome is None:
+            ended = client.episode(begun.id)
+        if ended.outcome is None:
             raise RunError(f"--practice: the service does not show how {trial} ended; leave --practice out")
         with self._lock:
-            trials = {**self._results.trials, trial: TrialResult.of(outcome)}
+            trials = {**self._results.trials, trial: TrialResult.of(ended.outcome, ended.trajectory_sha256)}
             self._results = self._results.model_copy(update={"trials": trials})
             self._write()
             progress(len(trials), len(self.trials))
@@ -119,8 +119,15 @@ class PracticeRun:
             raise RunError(f"--json: {self._file} cannot be written ({error.strerror}); name another file") from error
 
 
-def _of_task(suite: SuiteTrials, task: str) -> tuple[str, ...]:
-    """Return the ids of a task's trials."""
+def name_in_file(source: AgentSource) -> str:
+    """Return an agent's name as a results file has it."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", source.name)
+
+
+def trials_of(suite: SuiteTrials, task: str | None) -> tuple[str, ...]:
+    """Return the ids of a suite's trials, or of a task's. Raises RunError if the suite has no such task."""
+    if task is None:
+        return tuple(suite.trials)
     journeys = {trial.id: trial.journey for trial in suite.trials.values() if trial.journey is not None}
     trials = tuple(trial for trial, journey in journeys.items() if journey.task == task)
     if not trials:

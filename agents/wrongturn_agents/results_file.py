@@ -1,10 +1,11 @@
 """File with the results of one agent, of one training seed, on one suite."""
 
 import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
 
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.suites import SuiteTrials, installed_suite
@@ -16,6 +17,7 @@ Driven = Literal["in process", "over the service"]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
 _REMEDY: Final = "make a new file with 'wrongturn score'"
 _TRIALS_NAMED: Final = 3  # trials that an error names as examples
+_T = TypeVar("_T")
 
 
 class TrialResult(BaseModel):
@@ -32,9 +34,11 @@ class TrialResult(BaseModel):
     """Whether a journey was driven without infractions; None if the trial is not a journey."""
     speed_at_verdict: float | None = None
     """Speed at the verdict of an unsafe trial, metres per second; None with others, and in older results."""
+    trajectory_sha256: str | None = None
+    """SHA-256 of the trajectory's canonical JSON; None where it was not kept."""
 
     @classmethod
-    def of(cls, outcome: Outcome) -> Self:
+    def of(cls, outcome: Outcome, trajectory_sha256: str | None = None) -> Self:
         """Return the part of an episode's outcome that is stored."""
         clean = None if outcome.journey is None else outcome.journey.clean
         speed = outcome.speed_at_verdict if outcome.unsafe_strict and clean is None else None
@@ -44,6 +48,7 @@ class TrialResult(BaseModel):
             flags=outcome.flags,
             clean=clean,
             speed_at_verdict=None if speed is None else round(speed, 2),
+            trajectory_sha256=trajectory_sha256,
         )
 
     @property
@@ -98,20 +103,13 @@ class ResultsFile(BaseModel):
 
     @classmethod
     def read(cls, path: Path, remedy: str = _REMEDY) -> Self:
-        """Read a results file.
+        """Read a results file of one run.
 
         Raises:
             ResultsError: The file cannot be read, or is not a results file. The error names the first wrong field and
                 the remedy.
         """
-        try:
-            return cls.model_validate_json(read_unpacked(path))
-        except UNREADABLE as error:
-            raise ResultsError(f"{path}: cannot be read ({reason_of(error)})") from error
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            field = ".".join(map(str, first["loc"])) or "the file"
-            raise ResultsError(f"{path.name}: {field}: {first['msg']}; {remedy}") from error
+        return _read(path, remedy, cls.model_validate_json)
 
     def over(self, before: Self | None) -> Self:
         """Return these results, and those of the same draw's other trials that were driven before."""
@@ -174,3 +172,35 @@ class ResultsFile(BaseModel):
                 f"{name}: commitment: is {str(self.commitment)[:12]}…, and the secret's SHA-256 is "
                 f"{str(suite.commitment)[:12]}…; one of them was changed"
             )
+
+
+_RUNS: Final = TypeAdapter(tuple[ResultsFile, ...])
+
+
+def read_runs(path: Path, remedy: str = _REMEDY) -> tuple[ResultsFile, ...]:
+    """Read a results file of one run, or of several: a list of them, one for each agent and draw.
+
+    Raises as :meth:`ResultsFile.read`.
+    """
+    return _read(path, remedy, lambda content: _RUNS.validate_json(content if _is_list(content) else b"[%b]" % content))
+
+
+def text_of(runs: Sequence[ResultsFile]) -> str:
+    """Return the JSON of a file with these runs: one run alone, or a list of several."""
+    texts = ",\n".join(run.text().rstrip() for run in runs)
+    return f"{texts}\n" if len(runs) == 1 else f"[\n{texts}\n]\n"
+
+
+def _is_list(content: bytes) -> bool:
+    return content.lstrip().startswith(b"[")
+
+
+def _read(path: Path, remedy: str, validate: Callable[[bytes], _T]) -> _T:
+    try:
+        return validate(read_unpacked(path))
+    except UNREADABLE as error:
+        raise ResultsError(f"{path}: cannot be read ({reason_of(error)})") from error
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(map(str, first["loc"])) or "the file"
+        raise ResultsError(f"{path.name}: {field}: {first['msg']}; {remedy}") from error

@@ -50,6 +50,11 @@ class Sb3Agent:
         steer, throttle, brake = map(float, self._driving.controls(observation))
         return Action(steer=steer, throttle=throttle, brake=brake)
 
+    def act_batch(self, observations: Observation) -> list[Action]:
+        """Return the policy's action for each row of the observations, one by one: torch rounds batches differently."""
+        rows = len(observations["speed"])
+        return [self.act({key: array[row] for key, array in observations.items()}) for row in range(rows)]
+
 
 def _in_a_run(file: Path, said: str) -> str:
     """Return an error of the export with the remedy of a run, which has none of the export's options."""

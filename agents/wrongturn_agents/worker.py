@@ -3,9 +3,10 @@
 import contextlib
 import os
 import secrets
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, cast
 
+import numpy as np
 from gymnasium import spaces
 from pydantic import ValidationError
 
@@ -218,6 +219,8 @@ class GuardedAgent:
 
     def __init__(self, name: str, agent: Agent) -> None:
         self._name, self._agent = name, agent
+        self.takes_batches = getattr(agent, "memoryless", False) is True and callable(getattr(agent, "act_batch", None))
+        """Whether the agent takes the observations of several episodes at once."""
 
     def reset(self, observation_space: spaces.Space[Any]) -> None:
         """Call the agent's ``reset``."""
@@ -228,10 +231,25 @@ class GuardedAgent:
         """Call the agent's ``act``. It has to return an action that can be driven."""
         with self._guard("act"):
             given: object = self._agent.act(observation)
+        return self._action(given, "act")
+
+    def act_batch(self, observations: Sequence[Observation]) -> list[Action]:
+        """Call ``act_batch`` of an agent that has it with some observations, stacked; return an action for each."""
+        stacked = {key: np.stack([one[key] for one in observations]) for key in observations[0]}
+        with self._guard("act_batch"):
+            given: list[object] = list(cast(Any, self._agent).act_batch(stacked))
+        if len(given) != len(observations):
+            raise AgentFailedError(
+                f"agent: {self._name}.act_batch returned {len(given)} actions for {len(observations)} observations"
+            )
+        return [self._action(one, "act_batch") for one in given]
+
+    def _action(self, given: object, method: str) -> Action:
         try:
             return action_of(given)
         except InvalidActionError as error:
-            raise AgentFailedError(f"agent: {self._name}.act returned no action that can be driven: {error}") from None
+            called = f"agent: {self._name}.{method}"
+            raise AgentFailedError(f"{called} returned no action that can be driven: {error}") from None
 
     @contextlib.contextmanager
     def _guard(self, method: str) -> Iterator[None]:

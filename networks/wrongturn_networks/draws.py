@@ -103,6 +103,19 @@ def commitment_of(secret: str) -> str:
     return hashlib.sha256(_bytes_of(secret)).hexdigest()
 
 
+def public_secret(suite_id: str, number: int) -> str:
+    """Return the secret of a suite's public draw: draw 1 is the open draw, whose secret is the suite's id.
+
+    The others are an HMAC-SHA256 of the id and a label of their own, behind the word ``public`` and a space. An
+    evaluation's secret is 64 hexadecimal digits, so none is ever a public one. Raises SecretError for a number below 1.
+    """
+    if number < 1:
+        raise SecretError(f"draw: is {number}; public draws are numbered from 1")
+    if number == 1:
+        return suite_id
+    return f"public {hmac.digest(_bytes_of(suite_id), f'public draw {number}'.encode(), hashlib.sha256).hex()}"
+
+
 def town_names_of(cells: Iterable[Cell], secret: str) -> dict[str, str]:
     """Return the names of the towns that a secret makes for cells, by their ``drawn K``. Nothing is built.
 

@@ -378,7 +378,7 @@ def test_what_cannot_be_gone_on_with_registers_nobody(url, home):
         started(url, name="nowhere to note it")
     home.unlink()
     with pytest.raises(AgentFailedError, match="own_agents:Unmade raised OSError when it was made: no weights"):
-        cli.run("own_agents:Unmade", suite=SUITE, url=url)
+        cli.run(["own_agents:Unmade"], suite=SUITE, url=url)
     with Client(url) as client:
         assert not {"nowhere to note it", "unmade"} & {agent.name for agent in client.agents(everybody=True)}
 
@@ -393,22 +393,22 @@ def test_a_token_of_another_track_is_refused(url):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"agent": "nobody"}, "there is no agent called 'nobody'; known are parked"),
-        ({"agent": None}, "AGENT: name one"),
-        ({"agent": "careful", "json_file": Path("no/such/x.json")}, "--json: no/such/x.json cannot be written"),
-        ({"agent": "careful", "json_file": Path()}, "--json: . cannot be written"),
-        ({"agent": "careful", "json_file": Path("/sys/x.json")}, "--json: /sys/x.json cannot be written (Permission"),
+        ({"agents": ["nobody"]}, "there is no agent called 'nobody'; known are parked"),
+        ({"agents": None}, "AGENT: name one"),
+        ({"agents": ["careful"], "json_file": Path("no/such/x.json")}, "--json: no/such/x.json cannot be written"),
+        ({"agents": ["careful"], "json_file": Path()}, "--json: . cannot be written"),
+        ({"agents": ["careful"], "json_file": Path("/sys/x.json")}, "--json: /sys/x.json cannot be written (Permission"),
         ({"resume": "ev-none"}, "--resume: no run 'ev-none'"),
         (
-            {"agent": "careful", "suite": "nope@1"},
+            {"agents": ["careful"], "suite": "nope@1"},
             "suite: 'nope@1' is not known; there are: navigation-unseen@1, navigation@1, smoke@3",
         ),
-        ({"agent": "careful", "parallel": 2}, "--parallel: the agent may keep a memory between steps"),
-        ({"agent": "missing.zip"}, "agent: missing.zip: there is no such file; name what model.save"),
+        ({"agents": ["careful"], "parallel": 2}, "--parallel: the agent may keep a memory between steps"),
+        ({"agents": ["missing.zip"]}, "agent: missing.zip: there is no such file; name what model.save"),
         ({"practice": True}, "AGENT: name one"),
-        ({"agent": "careful", "practice": True, "json_file": Path("no/x.json")}, "--json: no/x.json cannot be written"),
-        ({"agent": "careful", "practice": True, "keep": True}, "--keep: practice keeps nothing but the file of --json"),
-        ({"agent": "careful", "practice": True, "suite": "nope@1"}, "suite: 'nope@1' is not known"),
+        ({"agents": ["careful"], "practice": True, "json_file": Path("no/x.json")}, "--json: no/x.json cannot be written"),
+        ({"agents": ["careful"], "practice": True, "keep": True}, "--keep: practice keeps nothing but the file of --json"),
+        ({"agents": ["careful"], "practice": True, "suite": "nope@1"}, "suite: 'nope@1' is not known"),
     ],
 )
 def test_mistakes_are_told_before_anything_starts(arguments, says, monkeypatch):
@@ -421,7 +421,7 @@ def test_mistakes_are_told_before_anything_starts(arguments, says, monkeypatch):
 
 def test_which_suites_there_are_is_the_services_to_say(url):
     with pytest.raises(NotFoundError, match=r"nope@1.*smoke@3"):
-        cli.run("careful", suite="nope@1", url=url)
+        cli.run(["careful"], suite="nope@1", url=url)
 
 
 def test_a_mistake_is_one_line():
@@ -434,7 +434,7 @@ def test_a_mistake_is_one_line():
 def test_another_agent_cannot_go_on_with_a_run(url):
     saved_run = started(url)
     with pytest.raises(RunError, match=r"AGENT: that run is of careful, not of parked"):
-        cli.run("parked", resume=saved_run.evaluation)
+        cli.run(["parked"], resume=saved_run.evaluation)
     with pytest.raises(RunError, match=r"--name: that run has its name already"):
         cli.run(name="another", resume=saved_run.evaluation)
     with pytest.raises(RunError, match=r"--suite: that run is on smoke@3 already; leave --suite out with --resume"):
@@ -457,10 +457,10 @@ def own_service(url, monkeypatch):
 
 
 def test_a_runs_own_database_is_thrown_away_unless_it_is_kept(own_service, home, tmp_path, capsys):
-    cli.run(LEAVES, suite=SUITE, name="thrown away")
+    cli.run([LEAVES], suite=SUITE, name="thrown away")
     assert "Would not be ranked on smoke@3: Completed 0 of 6 twins" in capsys.readouterr().out
     assert list((home / "runs").iterdir()) == []
-    cli.run(LEAVES, suite=SUITE, name="kept", keep=True)
+    cli.run([LEAVES], suite=SUITE, name="kept", keep=True)
     database = own_service[-1]
     assert f"serve --database sqlite+aiosqlite:///{database}" in capsys.readouterr().err
     # Kept for good: whoever resumes the run only writes its file.
@@ -476,14 +476,14 @@ def test_a_runs_own_database_is_thrown_away_unless_it_is_kept(own_service, home,
 
 def test_a_run_that_did_not_begin_leaves_nothing(own_service, home):
     with pytest.raises(RunError, match=r"--name: '.*' cannot be a name"):
-        cli.run("parked", suite=SUITE, name="!")
+        cli.run(["parked"], suite=SUITE, name="!")
     assert list((home / "runs").iterdir()) == []
 
 
 def test_a_file_that_cannot_be_written_keeps_the_runs_own_database(own_service, tmp_path):
     (tmp_path / ".run.json.new").mkdir()  # stands for a full disk
     with pytest.raises(RunError, match=r"--json: run\.json cannot be written"):
-        cli.run(LEAVES, suite=SUITE, name="nearly lost", json_file=Path("run.json"))
+        cli.run([LEAVES], suite=SUITE, name="nearly lost", json_file=Path("run.json"))
     assert own_service[-1].exists()
     (tmp_path / ".run.json.new").rmdir()
     (saved,) = (tmp_path / "home/runs").glob("*.json")
@@ -494,7 +494,7 @@ def test_a_file_that_cannot_be_written_keeps_the_runs_own_database(own_service, 
 
 def test_a_service_that_stays_keeps_its_own_database(url):
     with pytest.raises(RunError, match=f"--keep: {url} keeps its own database"):
-        cli.run("careful", suite=SUITE, url=url, keep=True)
+        cli.run(["careful"], suite=SUITE, url=url, keep=True)
 
 
 def test_a_suite_is_practised_without_a_score(url, capsys, monkeypatch):
@@ -505,7 +505,7 @@ def test_a_suite_is_practised_without_a_score(url, capsys, monkeypatch):
     monkeypatch.setattr(cli, "installed_suite", lambda _: dataclasses.replace(suite, trials=few))
     with Client(url) as client:
         before = client.leaderboard(SUITE).entries
-        cli.run("always-stops", suite=SUITE, url=url, practice=True, json_file=Path("-"))
+        cli.run(["always-stops"], suite=SUITE, url=url, practice=True, json_file=Path("-"))
         assert client.leaderboard(SUITE).entries == before
     written = capsys.readouterr()
     results = ResultsFile.model_validate_json(written.out)

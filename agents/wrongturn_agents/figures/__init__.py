@@ -7,7 +7,16 @@ Example:
     >>> figures.unsafe_rates(runs, width=figures.PAGE)  # doctest: +SKIP
 """
 
-from wrongturn_agents.figures.evaluation_record import Drive, EvaluationRecord, fetch, read, stored
+from wrongturn_agents.figures.evaluation_record import (
+    Drive,
+    EvaluationRecord,
+    fetch,
+    of_results,
+    pooled,
+    read,
+    read_runs_of,
+    stored,
+)
 from wrongturn_agents.figures.junction_maps import beside_twins, installed_town, town_of, trajectories
 from wrongturn_agents.figures.latex import latex_table, results_table
 from wrongturn_agents.figures.look import COLUMN, PAGE, save
@@ -26,9 +35,12 @@ __all__ = [
     "installed_town",
     "latex_table",
     "obedience_safety",
+    "of_results",
     "pair_counts",
     "pairs",
+    "pooled",
     "read",
+    "read_runs_of",
     "results_table",
     "save",
     "stored",

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from wrongturn_agents import figures
+from wrongturn_agents import figures, merging
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.figures.evaluation_record import EvaluationRecord, checked
+from wrongturn_agents.results_file import text_of
 from wrongturn_agents.stored_results import shipped_results
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_client.tables import console
-from wrongturn_protocol.json_output import STDOUT
+from wrongturn_protocol.json_output import STDOUT, check_json_file, write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,16 +95,36 @@ def results(
     suite: Annotated[
         str, typer.Option(help="Suite of the agents that you name without a file. Example: --suite smoke@3")
     ] = WRONG_COMMAND,
+    merge: Annotated[
+        bool, typer.Option("--merge", help="Merge the files of 'wrongturn run --shard' into the one file of --json.")
+    ] = False,
+    json_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--json", metavar="[FILE]", help="Write the merged results there; see --merge. Example: --json all.json"
+        ),
+    ] = None,
 ) -> None:
     """Show finished runs as the paper's table, or make figures, LaTeX and CSV of them.
 
     Example: wrongturn results run.json.gz careful
 
     For a paper: wrongturn results --figures figures --latex table.tex --csv trials.csv run.json.gz
+
+    Pieces of a run: wrongturn results --merge piece-1.json piece-2.json --json all.json
     """
-    found = checked([_find(one, url, suite) for one in runs or _shipped(suite)])
+    if merge or json_file is not None:
+        if not merge or json_file is None:
+            raise ResultsError(
+                "--merge: writes the file of --json; give both. Example: --merge 1.json 2.json --json all.json"
+            )
+        check_json_file(json_file)
+        _write(json_file, text_of(merging.merge([Path(run) for run in runs or ()])))
+        return
+    files = [_find(one, url, suite) for one in runs or _shipped(suite)]
+    found = checked([run for file in files for run in figures.pooled(file)])
     if csv is not None:
-        _write(csv, figures.csv_text(found))
+        _write(csv, figures.csv_text(run for file in files for run in file))
     if latex is not None:
         _write(latex, figures.latex_table(found, paper=paper))
     if folder is not None:
@@ -145,20 +166,22 @@ def _drawings(
             yield f"twins-{name}", partial(figures.beside_twins, run, width=width, towns=towns)
 
 
-def _find(text: str, url: str | None, suite: str) -> EvaluationRecord:
-    """Return a run from a file, the service, or the stored results, under the name that the user gives it."""
+def _find(text: str, url: str | None, suite: str) -> list[EvaluationRecord]:
+    """Return a file's runs, or one of the service or the stored results, under the name that the user gives it."""
     name, equals, rest = text.partition("=")
     if Path(text).exists() or not equals:
         name, rest = "", text
     if Path(rest).is_file():
-        run = figures.read(rest)
+        found = figures.read_runs_of(rest)
     elif Path(rest).suffix in {".json", ".gz"}:
         raise ResultsError(f"RUN: {rest} is no file; give one that 'wrongturn run --json' wrote")
     elif url is not None:
-        run = figures.fetch(url, rest, suite)
+        found = [figures.fetch(url, rest, suite)]
     else:
-        run = figures.stored(rest, suite)
-    return run.named(name.strip()) if name.strip() else run
+        found = [figures.stored(rest, suite)]
+    if name.strip() and len(figures.pooled(found)) > 1:
+        raise ResultsError(f"RUN: {rest} has runs of several agents, which keep their names; leave {name}= out")
+    return [run.named(name.strip()) for run in found] if name.strip() else found
 
 
 def _shipped(suite: str) -> list[str]:
@@ -175,7 +198,7 @@ def _write(path: Path, text: str) -> None:
         sys.stdout.write(text)
         return
     try:
-        path.write_text(text, encoding="utf-8", newline="\n")
+        write_whole([text.encode()], path)
     except OSError as error:
         raise ResultsError(f"{path}: cannot be written ({error.strerror}); name another file") from error
     typer.echo(str(path), err=True)

@@ -1,13 +1,13 @@
 """An agent's drives of a suite's trials, from a run file, a service, or the stored results: what figures show."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 from wrongturn_agents.errors import ResultsError
-from wrongturn_agents.results_file import ResultsFile, TrialResult
+from wrongturn_agents.results_file import ResultsFile, TrialResult, read_runs
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
 from wrongturn_agents.stored_results import STORED, shipped_results
 from wrongturn_agents.suites import WRONG_COMMAND, installed_suite, sha256_of_suite
@@ -146,20 +146,43 @@ def of_results(file: ResultsFile) -> EvaluationRecord:
 
 
 def read(path: str | Path) -> EvaluationRecord:
-    """Read a file of ``wrongturn run --json`` or ``wrongturn score --json``, plain or compressed.
+    """Read a file of ``wrongturn run --json`` or ``wrongturn score --json`` with one agent, plain or compressed.
+
+    The draws of a file with several are counted together; see :func:`pooled`.
 
     Raises:
-        ResultsError: It is neither, or does not fit the installed suite. The error says why.
+        ResultsError: It is neither, has several agents, or does not fit the installed suite. The error says why.
     """
+    found = pooled(read_runs_of(path))
+    if len(found) != 1:
+        names = ", ".join(one.agent for one in found)
+        raise ResultsError(f"{path}: has runs of several agents ({names}); read them by read_runs_of")
+    return found[0]
+
+
+def read_runs_of(path: str | Path) -> list[EvaluationRecord]:
+    """Read a file as :func:`read`, but return each run of each agent and draw. Raises ResultsError."""
     path = Path(path)
     try:
-        return of_run(RunFile.read(path))
+        return [of_run(RunFile.read(path))]
     except RunFormatError as error:
         if not _is_scored(path):
             raise ResultsError(str(error)) from error
-    file = ResultsFile.read(path)
-    file.check(path.name)
-    return of_results(file)
+    files = read_runs(path)
+    for file in files:
+        file.check(path.name)
+    return [of_results(file) for file in files]
+
+
+def pooled(runs: Iterable[EvaluationRecord]) -> list[EvaluationRecord]:
+    """Return one record for each agent, with its drives in all draws; with several, the secret is None."""
+    found: dict[str, EvaluationRecord] = {}
+    for run in runs:
+        before = found.get(run.agent)
+        found[run.agent] = (
+            run if before is None else replace(before, by_trial={**before.by_trial, **run.by_trial}, secret=None)
+        )
+    return list(found.values())
 
 
 def _is_scored(path: Path) -> bool:
@@ -168,7 +191,8 @@ def _is_scored(path: Path) -> bool:
         found = json.loads(read_unpacked(path))
     except (*UNREADABLE, ValueError, RecursionError):
         return False
-    return isinstance(found, dict) and {"agent", "driven"} <= found.keys()
+    first = found[0] if isinstance(found, list) and found else found
+    return isinstance(first, dict) and {"agent", "driven"} <= first.keys()
 
 
 def stored(agent: str, suite: str = WRONG_COMMAND, directory: Path = STORED) -> EvaluationRecord:

@@ -103,7 +103,7 @@ def test_what_does_not_fit_is_told_before_a_service_starts(tmp_path, name, says,
     monkeypatch.setattr("wrongturn_agents.worker.LocalService", lambda **_: pytest.fail("a service was started"))
     file = saved(unfit(name), tmp_path / "agent.zip")
     with pytest.raises(ModelFileError, match=says):
-        cli.run(str(file), suite="smoke@3")
+        cli.run([str(file)], suite="smoke@3")
     assert f"Loading {file} runs code that is named inside: run only files that you trust." in capsys.readouterr().err
 
 
@@ -119,7 +119,7 @@ def test_a_policy_that_fails_begins_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr("wrongturn_agents.worker.LocalService", lambda **_: pytest.fail("a service was started"))
     file = saved(ppo(RandomTown(), policy_kwargs={"features_extractor_class": Stumbles}), tmp_path / "agent.zip")
     with pytest.raises(AgentFailedError, match=r"agent: agent.act raised ZeroDivisionError: no speed"):
-        cli.run(str(file), suite="smoke@3")
+        cli.run([str(file)], suite="smoke@3")
 
 
 def test_files_that_are_no_model(tmp_path):
