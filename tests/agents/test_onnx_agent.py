@@ -56,6 +56,8 @@ def test_a_model_writes_nothing_into_the_home_folder(tmp_path):
 
 def test_a_model_drives_several_episodes_at_a_time(tmp_path):
     agent = resolve(str(write_concat_model(tmp_path / "tiny.onnx", ("steering", "speed", "speed")))).make()
+    rows = [observation(0.25, -0.5), observation(0.5, 0.75)]
+    assert agent.act_batch({key: np.stack([row[key] for row in rows]) for key in rows[0]}) == [*map(agent.act, rows)]
     assert episodes_side_by_side(agent, 3) == 3
     assert episodes_side_by_side(agent, None) == len(os.sched_getaffinity(0))
     assert episodes_side_by_side(resolve("careful").make(), None) == 1

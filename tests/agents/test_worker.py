@@ -397,7 +397,10 @@ def test_a_token_of_another_track_is_refused(url):
         ({"agents": None}, "AGENT: name one"),
         ({"agents": ["careful"], "json_file": Path("no/such/x.json")}, "--json: no/such/x.json cannot be written"),
         ({"agents": ["careful"], "json_file": Path()}, "--json: . cannot be written"),
-        ({"agents": ["careful"], "json_file": Path("/sys/x.json")}, "--json: /sys/x.json cannot be written (Permission"),
+        (
+            {"agents": ["careful"], "json_file": Path("/sys/x.json")},
+            "--json: /sys/x.json cannot be written (Permission",
+        ),
         ({"resume": "ev-none"}, "--resume: no run 'ev-none'"),
         (
             {"agents": ["careful"], "suite": "nope@1"},
@@ -406,8 +409,14 @@ def test_a_token_of_another_track_is_refused(url):
         ({"agents": ["careful"], "parallel": 2}, "--parallel: the agent may keep a memory between steps"),
         ({"agents": ["missing.zip"]}, "agent: missing.zip: there is no such file; name what model.save"),
         ({"practice": True}, "AGENT: name one"),
-        ({"agents": ["careful"], "practice": True, "json_file": Path("no/x.json")}, "--json: no/x.json cannot be written"),
-        ({"agents": ["careful"], "practice": True, "keep": True}, "--keep: practice keeps nothing but the file of --json"),
+        (
+            {"agents": ["careful"], "practice": True, "json_file": Path("no/x.json")},
+            "--json: no/x.json cannot be written",
+        ),
+        (
+            {"agents": ["careful"], "practice": True, "keep": True},
+            "--keep: practice keeps nothing but the file of --json",
+        ),
         ({"agents": ["careful"], "practice": True, "suite": "nope@1"}, "suite: 'nope@1' is not known"),
     ],
 )

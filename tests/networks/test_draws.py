@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import hmac
 import json
 import math
 from collections import Counter
@@ -28,7 +29,7 @@ from wrongturn_networks import (
     load_town,
     possible_trials,
 )
-from wrongturn_networks.draws import draw_cells
+from wrongturn_networks.draws import draw_cells, public_secret
 from wrongturn_networks.faults import check_fault
 from wrongturn_networks.making import write_suite
 from wrongturn_protocol import (
@@ -240,6 +241,16 @@ def test_the_open_draw_is_drawn_from_the_suites_id() -> None:
     assert suite.open_draw.episodes == suite.draw("smoke@3").episodes == suite.episodes
     assert suite.trials == suite.open_draw.trials
     assert suite.trial(suite.trials[0].id) is suite.trials[0]
+
+
+def test_public_draws_follow_from_the_suites_id_and_are_no_evaluations() -> None:
+    assert public_secret("smoke@3", 1) == "smoke@3"
+    second = public_secret("smoke@3", 2)
+    told = hmac.digest(b"smoke@3", b"public draw 2", "sha256").hex()
+    assert second == f"public {told}"
+    assert len({public_secret(suite, draw) for suite in ("smoke@3", "wrong-command@3") for draw in range(1, 11)}) == 20
+    with pytest.raises(SecretError, match="draw: is 0; public draws are numbered from 1"):
+        public_secret("smoke@3", 0)
 
 
 def test_a_listed_suite_is_drawn_as_it_is_listed() -> None:
