@@ -56,7 +56,7 @@ TOGETHER = {
     "tests/contract": "contract",
     "tests/browser": "browser",
     "tests/exploits": "agents",
-    **{f"tests/agents/test_{name}.py": "agents" for name in ("practice", "worker")},
+    **{f"tests/agents/test_{name}.py": "agents" for name in ("batch", "practice", "worker")},
     "tests/benchmarks/test_short_forms.py": "agents",
     "tests/system/test_pages_run.py": "agents",
     **{f"tests/agents/{name}.py": "exports" for name in _EXPORTS},
