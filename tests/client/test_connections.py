@@ -120,16 +120,6 @@ def test_a_closed_connection_is_opened_again() -> None:
         client.suites()
 
 
-def test_nobody_there() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        port = listener.getsockname()[1]
-    with (
-        Client(f"http://127.0.0.1:{port}", patience=0) as client,
-        pytest.raises(ServiceUnreachableError, match="refused"),
-    ):
-        client.suites()
-
-
 def test_a_silent_service_is_given_up() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         url = f"http://127.0.0.1:{listener.getsockname()[1]}"

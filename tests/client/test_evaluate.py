@@ -104,11 +104,8 @@ def _each_first_time(*, breaks: Callable[[], httpx.Response | Exception]) -> Cal
 BREAKS = {
     "connect": lambda: httpx.ConnectError("refused"),
     "read": lambda: httpx.ReadError("reset"),
-    "timeout": lambda: httpx.ReadTimeout("slow"),
-    "disconnect": lambda: httpx.RemoteProtocolError("gone"),
     "502": lambda: httpx.Response(502, content=b"<html>"),
     "503": lambda: problem(ProblemType.SIMULATORS_BUSY, 503, headers={"retry-after": "0"}),
-    "504": lambda: httpx.Response(504),
     "429": lambda: problem(ProblemType.RATE_LIMITED, 429, headers={"retry-after": "0"}),
 }
 

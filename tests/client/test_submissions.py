@@ -12,7 +12,6 @@ from wrongturn_client import (
     AuthenticationError,
     Client,
     ModelFileError,
-    NotFoundError,
     ServiceBusyError,
     SubmissionsUnavailableError,
 )
@@ -99,19 +98,6 @@ def test_a_file_that_cannot_be_read_is_named(service: FakeSubmissions, tmp_path:
     assert service.forms == []
 
 
-def test_a_submission_is_looked_up_listed_and_cancelled(service: FakeSubmissions, model: Path) -> None:
-    with Client("http://fake", "ours", transport=service.transport) as client:
-        assert client.submissions() == ()
-        client.submit(model, "smoke@3", "mine")
-        assert client.submission("s1").state is SubmissionState.QUEUED
-        assert [line.message for line in client.submission_log("s1")] == ["It waits for its check."]
-        assert [detail.id for detail in client.submissions()] == ["s1"]
-        assert client.cancel_submission("s1").state is SubmissionState.CANCELLED
-        assert client.cancel_submission("s1").reason == "You cancelled it."
-        with pytest.raises(NotFoundError, match="no submission s2"):
-            client.submission("s2")
-
-
 def test_refusals_are_errors_of_their_own(service: FakeSubmissions, model: Path) -> None:
     with Client("http://fake", "ours", transport=service.transport) as client:
         with pytest.raises(AgentNameTakenError):
@@ -124,12 +110,6 @@ def test_refusals_are_errors_of_their_own(service: FakeSubmissions, model: Path)
     service.inject = None
     with Client("http://fake", "theirs", transport=service.transport) as client, pytest.raises(AuthenticationError):
         client.submit(model, "smoke@3", "mine")
-
-
-def test_an_agents_token_needs_no_name(service: FakeSubmissions, model: Path) -> None:
-    with Client("http://fake", "agent's", transport=service.transport) as client:
-        assert client.submit(str(model), "smoke@3").name == "the agent"
-    assert list(service.forms[0]) == ["suite", "model"]
 
 
 def test_an_empty_token_sends_none(service: FakeSubmissions, monkeypatch: pytest.MonkeyPatch) -> None:

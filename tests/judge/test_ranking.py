@@ -18,16 +18,6 @@ def standing(entries: list[LeaderboardEntry]) -> dict[str, int | None]:
     return {entry.agent.name: entry.rank for entry in entries}
 
 
-def test_nobody_stands_on_an_empty_leaderboard() -> None:
-    assert rank([]) == []
-
-
-def test_one_agent_is_first(kit, suite) -> None:
-    (entry,) = rank([colliding(kit, suite, "alone", range(50))])
-    assert (entry.rank, entry.tied_with, entry.eligible, entry.why_not) == (1, (), True, None)
-    assert (entry.evaluation, entry.entry, entry.owner_agents) == ("evaluation-alone", "remote", 1)
-
-
 CELL_BY_CELL = tuple(range(60))
 EVENLY = tuple(place % 6 * 10 + place // 6 for place in range(60))
 
@@ -58,17 +48,6 @@ def test_the_places_of_unsafe_trials_do_not_matter(kit, suite) -> None:
     assert not {trial.id for trial in other_draw.trials} & {trial.id for trial in suite.trials}
     field[1] = colliding(kit, other_draw, "b", range(20))
     assert standing(rank(field)) == {"a": 1, "b": 2}
-
-
-def test_an_owner_counts_once(kit, suite) -> None:
-    many = [colliding(kit, suite, f"copy{n}", range(0), owner="Many") for n in range(6)]
-    field = [*many, colliding(kit, suite, "me", range(8), owner="Me")]
-    entries = {entry.agent.name: entry for entry in rank(field)}
-    assert entries["me"].rank == 2
-    assert {entries[row.agent.name].rank for row in many} == {1}
-    assert (entries["me"].owner_agents, entries["copy3"].owner_agents) == (1, 6)
-    field.append(colliding(kit, suite, "other", range(0), owner="Other"))
-    assert standing(rank(field))["me"] == 3
 
 
 def test_shipped_agents_count_against_each_other(kit, suite) -> None:

@@ -1,6 +1,5 @@
 """The demo, narrowed down."""
 
-import json
 import os
 import subprocess
 import sys
@@ -21,21 +20,6 @@ def demo(folder, *arguments: str) -> subprocess.CompletedProcess[str]:
         timeout=600,
         check=False,
     )
-
-
-@pytest.mark.soak  # .ci/run runs the demo itself
-def test_it_ranks_in_a_fresh_database(tmp_path):
-    (tmp_path / "demo").mkdir()
-    for left in ("wrongturn.db", "wrongturn.db-wal", "leaderboard.json"):
-        (tmp_path / "demo" / left).write_text("left by another demo")
-    done = demo(tmp_path, "--agents", "parked,careful", "--suite", "smoke@3")
-    assert done.returncode == 0, done.stderr
-    assert "wrongturn serve" in done.stdout
-    assert "demo/leaderboard.json" in done.stdout
-    leaderboard = json.loads((tmp_path / "demo" / "leaderboard.json").read_text())
-    assert leaderboard["suite"] == "smoke@3"
-    assert {entry["agent"]["name"] for entry in leaderboard["entries"]} == {"parked", "careful"}
-    assert {entry["agent"]["kind"] for entry in leaderboard["entries"]} == {"baseline"}
 
 
 def test_a_worker_that_fails_is_told_with_its_last_words():

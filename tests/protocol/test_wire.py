@@ -53,19 +53,6 @@ def test_a_block_refuses_another_shape_by_the_keys_name() -> None:
         wire.block(observation, Track.CAMERA)
 
 
-def test_calls_survive() -> None:
-    calls = [[wire.Call.STEP, "ep_1", 3, 0.5, 1.0, 0.0], [wire.Call.ABORT, "ep_2"]]
-    assert wire.unpack_calls(wire.pack_calls(9, calls)) == (9, calls)
-
-
-def test_results_survive() -> None:
-    packed = [wire.pack_result(200, {"seq": 1}, b"block"), wire.pack_result(404, {"title": "Unknown"})]
-    assert wire.unpack_results(wire.join_results(None, packed)) == (
-        None,
-        [[200, {"seq": 1}, b"block"], [404, {"title": "Unknown"}]],
-    )
-
-
 RESULTS = st.tuples(
     st.integers(0, 999),
     st.dictionaries(st.text(max_size=4), st.none() | st.integers(0, 9) | st.binary(max_size=30), max_size=3),

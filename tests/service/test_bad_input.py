@@ -114,6 +114,9 @@ def test_text_that_no_database_takes_is_refused(agent: Agent) -> None:
         ({"town": "x" * 10_000, "approach": "J3-S"}, 404, "unknown-town", "town"),
         ({"town": "Town01", "task": "wander"}, 422, "validation", "task"),
         ({"town": "Town01", "task": "navigation", "fault": "infeasible"}, 422, "validation", "body"),
+        ({"town": "Town01", "task": "navigation", "route": 1}, 422, "validation", "body"),
+        ({"town": "Town01", "task": "cruise", "approach": "J1-S"}, 422, "validation", "body"),
+        ({"suite": "smoke@3", "trial": "x", "task": "navigation"}, 422, "validation", "body"),
         ({"town": "Atlantis", "task": "navigation"}, 404, "unknown-town", "town"),
         ({"town": "Town01", "task": "navigation", "approach": "J99-S"}, 404, "unknown-approach", "approach"),
         ({**JUNCTION, "traffic": {"vehicles": -1}}, 422, "validation", "traffic.vehicles"),
@@ -260,12 +263,6 @@ def test_a_body_that_is_too_large(agent: Agent, episode: str) -> None:
         f"/v1/episodes/{episode}/step", content=pieces(), headers={"Content-Type": "application/json"}
     )
     problem(response, 413, "body-too-large")
-
-
-def test_another_method(agent: Agent) -> None:
-    response = agent.http.put("/v1/suites")
-    problem(response, 405, "method-not-allowed")
-    assert response.headers["allow"] == "GET"
 
 
 TOKEN_CALLS = [

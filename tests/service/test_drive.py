@@ -65,19 +65,6 @@ def test_an_episode_may_be_driven_over_both_in_turn(agent: Agent, drive: DriveSo
     _same(told["observation"], again[2], Track.PRIVILEGED)
 
 
-def test_a_repeat_gives_the_stored_reply(agent: Agent, drive: DriveSocket) -> None:
-    episode = agent.practise()["id"]
-    first = drive.one("step", episode, 1, *ACTION)
-    assert drive.one("step", episode, 1, *ACTION) == first
-    last = first
-    seq = 1
-    while not (last[1]["terminated"] or last[1]["truncated"]):
-        seq += 1
-        last = drive.one("step", episode, seq, *ACTION)
-    assert drive.one("step", episode, seq, *ACTION) == last  # from the database
-    assert last[1]["verdict"]
-
-
 def test_each_call_of_a_batch_has_its_own_result(agent: Agent, other: Agent, drive: DriveSocket) -> None:
     mine, mine_too, others = agent.practise()["id"], agent.practise()["id"], other.practise()["id"]
     results = drive.call(
@@ -129,32 +116,6 @@ def test_steps_of_one_episode_may_be_sent_ahead(agent: Agent, drive: DriveSocket
     episode = agent.practise()["id"]
     results = drive.call(*(["step", episode, seq, *ACTION] for seq in range(1, 9)))
     assert [result[1]["seq"] for result in results] == list(range(1, 9))
-
-
-def test_an_evaluation_is_driven_to_its_end(agent: Agent, drive: DriveSocket) -> None:
-    evaluation = agent.evaluate()["id"]
-    seqs: dict[str, int] = {}
-    finished = False
-    while seqs or not finished:
-        calls: list[list[object]] = [["step", episode, seq + 1, *ACTION] for episode, seq in seqs.items()]
-        if not finished:
-            calls.append(["next", evaluation, None])
-        for call, (status, fields, *_) in zip(calls, drive.call(*calls), strict=True):
-            if call[0] == "next":
-                finished = finished or fields.get("type") == "/problems/evaluation-finished"
-                if status == 201:
-                    seqs[fields["id"]] = 0
-                elif not finished:
-                    # All simulators may be busy too: those of episodes that other tests left are freed in a while.
-                    assert fields["type"] in {"/problems/no-trial-available", "/problems/simulators-busy"}
-                    assert fields["retry_after_s"] >= 1
-            elif fields["terminated"] or fields["truncated"]:
-                del seqs[str(call[1])]
-            else:
-                seqs[str(call[1])] = fields["seq"]
-    told = expect(agent.http.get(f"/v1/evaluations/{evaluation}"), 200)
-    assert told["state"] == "finished"
-    assert told["metrics"]["unsafe"]["trials"] == 6
 
 
 def test_a_repeated_key_gives_the_same_episode(agent: Agent, drive: DriveSocket) -> None:

@@ -30,17 +30,12 @@ def test_a_practice_episode_from_reset_to_verdict(agent: Agent) -> None:
     assert hashlib.sha256(trajectory).hexdigest() == shown["trajectory_sha256"]
     actions = struct.pack("<3f", *GAS.values()) * steps
     assert hashlib.sha256(actions).hexdigest() == shown["actions_sha256"]
-
-
-def test_the_last_step_and_what_comes_after(agent: Agent) -> None:
-    episode = agent.practise()["id"]
-    steps, last = agent.drive(episode)
-    # Its reply may have been lost on the way: the same step again gives it again, from the database.
-    assert expect(agent.step(episode, steps), 200) == last
-    problem(agent.step(episode, steps, COAST), 409, "action-mismatch")
-    problem(agent.step(episode, steps + 1), 409, "episode-finished")
-    problem(agent.step(episode, 1), 409, "episode-finished")
-    problem(agent.http.delete(f"/v1/episodes/{episode}"), 409, "episode-finished")
+    # The last reply may have been lost on the way: the same step again gives it again, from the database.
+    assert expect(agent.step(reset["id"], steps), 200) == last
+    problem(agent.step(reset["id"], steps, COAST), 409, "action-mismatch")
+    for seq in (1, steps + 1):
+        problem(agent.step(reset["id"], seq), 409, "episode-finished")
+    problem(agent.http.delete(f"/v1/episodes/{reset['id']}"), 409, "episode-finished")
 
 
 def test_a_step_again_gives_the_stored_reply(agent: Agent) -> None:

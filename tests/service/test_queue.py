@@ -21,20 +21,6 @@ def _position(line: SimulatorQueue, agent: str, call: str) -> int | None:
     return _refused(line, agent, call).position
 
 
-def test_who_came_first_is_first_among_equals() -> None:
-    line = _line(1)
-    line.enter("holder", "0")
-    agents = ["a", "b", "c"]
-    assert [_position(line, agent, "1") for agent in agents] == [1, 2, 3]
-    assert [_position(line, agent, "1") for agent in reversed(agents)] == [3, 2, 1]
-    line.leave("holder")
-    # The place is a's, whoever asks before.
-    assert [_position(line, agent, "1") for agent in ("c", "b")] == [3 - 1, 2 - 1]
-    assert _position(line, "late", "1") == 3
-    line.enter("a", "1")
-    assert [_position(line, agent, "1") for agent in ("b", "c", "late")] == [1, 2, 3]
-
-
 def test_an_agent_that_asks_for_many_does_not_keep_out_who_asks_for_one() -> None:
     line = _line(4)
     for call in range(4):

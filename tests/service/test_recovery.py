@@ -171,15 +171,6 @@ def test_a_start_that_cannot_be(options: list[str], setting: str, said: str) -> 
     assert "Traceback" not in done.stderr
 
 
-def test_a_database_that_another_service_has(service: RunningService) -> None:
-    second = RunningService(service.database)
-    assert not second.ready
-    assert second.stop() == 1
-    assert "in use by another Wrongturn service; use that one (other commands take its URL by --url" in second.stderr
-    assert "Traceback" not in second.stderr
-    assert httpx.get(f"{service.url}/health/ready", timeout=60).status_code == 200
-
-
 def test_a_database_that_stops_taking_writes(frail: RunningService) -> None:
     """The final reply waits for its commit: sent again once the database writes again, nothing is lost."""
     with frail.agent() as agent:

@@ -5,7 +5,6 @@ import itertools
 import os
 import re
 import socket
-import sqlite3
 import sys
 from pathlib import Path
 
@@ -65,25 +64,11 @@ def test_a_database_that_is_there_stays_as_it_is(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["a.db"]
 
 
-@pytest.mark.parametrize(
-    ("database", "says"),
-    [
-        ("foo", "'foo' is not a database URL"),
-        ("sqlite+aiosqlite:///{folder}/none/a.db", "there is no folder"),
-        ("sqlite+aiosqlite:///{folder}/text.db", "file is not a database"),
-        ("sqlite+aiosqlite:///{folder}/newer.db", "another version"),
-    ],
-)
-def test_a_database_that_the_service_could_not_use(tmp_path: Path, database: str, says: str) -> None:
-    (tmp_path / "text.db").write_text("no database, but long enough to be taken for one\n" * 50)
-    newer = sqlite3.connect(tmp_path / "newer.db")
-    newer.executescript(
-        "CREATE TABLE alembic_version (version_num VARCHAR(32)); INSERT INTO alembic_version VALUES ('9999')"
-    )
-    newer.close()
-    ok, detail, remedy = finding(database.format(folder=tmp_path))
+def test_a_database_that_the_service_could_not_use(tmp_path: Path) -> None:
+    """Which those are, is shown in test_storage.py."""
+    ok, detail, remedy = finding(url(tmp_path / "none" / "a.db"))
     assert not ok
-    assert says in detail
+    assert "there is no folder" in detail
     assert "WRONGTURN_DATABASE" in remedy
     assert not (tmp_path / "none").exists()
 
@@ -93,13 +78,6 @@ def test_a_database_without_rights(tmp_path: Path) -> None:
     file = tmp_path / "a.db"
     file.touch(0o400)
     assert not finding(url(file))[0]
-
-
-def test_a_server_that_does_not_answer() -> None:
-    ok, detail, _ = finding("postgresql+asyncpg://me:secret@127.0.0.1:1/wrongturn")
-    assert not ok
-    assert "cannot be used" in detail
-    assert "secret" not in detail
 
 
 COMPILING = """

@@ -89,13 +89,6 @@ def test_a_bad_action_is_refused_by_its_field_and_nothing_moves(field, value, ma
     episode.step(0.0, 0.0, 0.0)
 
 
-def test_a_negative_pedal_is_refused(make_trial):
-    episode = Episode(make_trial(), Track.STATE)
-    episode.reset()
-    with pytest.raises(InvalidActionError, match=r"action\.throttle: is -0\.1; give a number from 0 to 1"):
-        episode.step(0.0, -0.1, 0.0)
-
-
 def test_a_step_before_the_reset_and_after_the_end(make_trial):
     episode = Episode(make_trial(), Track.STATE)
     for too_early in (lambda: episode.step(0.0, 0.0, 0.0), episode.abort):
@@ -111,21 +104,6 @@ def test_a_step_before_the_reset_and_after_the_end(make_trial):
     episode.reset()
     assert episode.outcome is None
     assert episode.steps == 0
-
-
-def test_a_car_that_waits_for_the_time_to_run_out_is_truncated(make_trial):
-    episode = Episode(make_trial(), Track.STATE)
-    observation = episode.reset()
-    while True:
-        # Creep too slowly to reach the junction, too fast to count as standing.
-        speed = observation["speed"][0]
-        throttle, brake = (0.2 if speed < 0.15 else 0.0), (0.5 if speed > 0.2 else 0.0)
-        observation, _, terminated, truncated = episode.step(0.0, throttle, brake)
-        if terminated or truncated:
-            break
-    assert (terminated, truncated) == (False, True)
-    assert episode.outcome is not None
-    assert episode.outcome.time == pytest.approx(60.0)
 
 
 def test_abort(make_trial):

@@ -18,7 +18,6 @@ from wrongturn_sim import (
     WrongturnVectorEnv,
 )
 from wrongturn_sim.camera import Camera, Renderer, World
-from wrongturn_sim.fleet.streets import CROSSES, YIELDS, rules_of, streets_of
 from wrongturn_sim.view.window import box as corners
 
 EGO = (4.6, 1.9)
@@ -273,28 +272,6 @@ def test_waiters_stand_at_the_stop_line_ahead_or_at_that_of_the_street_into_whic
     assert stood[:, 0].max() < 180  # it drives on
     assert (turned.sum(), gone_early) == (32, 0)
     assert blocked > 100
-
-
-class TestRightOfWay:
-    @pytest.mark.parametrize("name", ["Town01", "Town02", "junctions"])
-    def test_the_rules_are_of_pairs_that_cross(self, name):
-        rules, speeds, _ = rules_of(load_town(name))
-        crosses, yields = (rules & CROSSES) > 0, (rules & YIELDS) > 0
-        assert np.array_equal(crosses, crosses.T)
-        assert not (yields & ~crosses).any()
-        assert not (yields & yields.T).any()
-        assert yields.any()
-        assert ((speeds > 5.0) & (speeds < 14.0)).all()
-
-    def test_pavements_lie_beside_the_road(self):
-        town = load_town("Town01")
-        streets = streets_of(town)
-        for pavement, at, x, y in streets.doors[::40].tolist():
-            first, end, closed = streets.walks[int(pavement)]
-            along, points = streets.along[first:end], streets.paths[first:end]
-            assert closed
-            assert (np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])) == pytest.approx((x, y))
-            assert town.sidewalks.buffer(0.1).contains(Point(x, y))
 
 
 class TestRefusals:

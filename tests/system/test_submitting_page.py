@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shlex
 import shutil
 import subprocess
 import sys
@@ -64,26 +63,6 @@ def test_curl_leads_from_a_fresh_service_to_a_rank(service: LocalService, folder
     with Client(service.url) as client:
         # What the file's metadata says.
         assert "segmentation" in (client.agent(state["agent"]).description or "")
-
-
-@pytest.mark.soak  # CI comes to a rank by curl, and the command to an error
-def test_the_command_leads_to_a_rank(service: LocalService, folder: Path) -> None:
-    (line,) = re.findall(r"```bash\nwrongturn (submit .*)\n```", PAGE)
-    arguments = shlex.split(
-        line.replace("wrong-command@3", "smoke@3").replace("https://wrongturn.example.org", service.url)
-    )
-    command = [sys.executable, "-m", "wrongturn_client", *arguments]
-    home = environment(WRONGTURN_HOME=str(folder / "home"))
-    done = subprocess.run(command, cwd=folder, env=home, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert re.search(r"^Rank 1 of \d in the segmentation track.*; unsafe \d+ of 6 \(strict\), 95 % ", done.stdout, re.M)
-    assert "12 of 12 episodes" in done.stderr
-    assert (folder / "home/owners.json").stat().st_mode & 0o077 == 0
-    # The same file under its own name again: its owner is known by now, and the name is taken.
-    again = subprocess.run(command, cwd=folder, env=home, capture_output=True, text=True, check=False)
-    assert again.returncode == 1
-    assert "Registered" not in again.stderr
-    assert "--name my_agent-2" in again.stderr
 
 
 def test_a_broken_model_says_what_is_wrong_and_frees_its_name(service: LocalService, folder: Path) -> None:

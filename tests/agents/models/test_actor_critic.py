@@ -68,11 +68,6 @@ def test_an_observation_of_the_wrong_track_is_refused(model, batch):
         model.features({**observation, key: image[:, :32]})
 
 
-def test_the_segmentation_agent_tells_no_segmentation(segmentation, batch):
-    with pytest.raises(ValueError, match="it is given the segmentation"):
-        segmentation.segmentation_logits(batch(1))
-
-
 def test_the_whole_agent_is_one_graph(model, batch):
     """Nothing in it sends the compiler back to Python, and it computes the same."""
     if model.algorithm == "ppo-image":
@@ -80,12 +75,6 @@ def test_the_whole_agent_is_one_graph(model, batch):
     torch._dynamo.reset()
     whole = torch.compile(model.drive, backend="eager", fullgraph=True)
     torch.testing.assert_close(whole(batch(2)), model.drive(batch(2)))
-
-
-def test_segmentation_has_a_logit_for_each_class_and_pixel(model, batch):
-    if model.algorithm == "ppo-segmentation":
-        pytest.skip("it is given the segmentation")
-    assert model.segmentation_logits(batch(2)).shape == (2, 11, 64, 192)
 
 
 def test_equation_1_and_its_gradients_by_hand():

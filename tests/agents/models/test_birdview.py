@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from wrongturn_agents.models.birdview import AHEAD, ASIDE, CELL, PIXELS, PLANES, birdview, seen_from_car
+from wrongturn_agents.models.birdview import AHEAD, ASIDE, CELL, PIXELS, PLANES, birdview
 from wrongturn_agents.models.lbc import COMMANDS, PrivilegedAgent, commanded
 from wrongturn_protocol import Command
 
@@ -35,13 +35,6 @@ def scene(pose, *, stop_line=12.0, users=()):
         "road_users": road_users[None],
         "road_users_count": torch.tensor([[len(users)]]),
     }
-
-
-def test_places_are_seen_from_the_car():
-    pose = torch.tensor([[10.0, 5.0, math.pi / 2]])
-    assert seen_from_car(torch.tensor([[[10.0, 8.0], [7.0, 5.0]]]), pose).flatten().tolist() == pytest.approx(
-        [3.0, 0.0, 0.0, 3.0], abs=1e-5
-    )
 
 
 def test_lane_exits_and_stop_line_have_planes_of_their_own():

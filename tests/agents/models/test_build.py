@@ -7,20 +7,6 @@ from small_networks import small_networks
 from wrongturn_agents.models import ALGORITHMS, build
 
 
-def parameters(part):
-    return sum(parameter.numel() for parameter in part.parameters())
-
-
-def test_the_segmentation_agent_has_about_three_million_parameters():
-    assert parameters(build("ppo-segmentation")) == pytest.approx(3.0e6, rel=0.06)
-
-
-def test_resnet_34_has_its_21_million_parameters():
-    encoder = build("ppo-auxiliary").encoder
-    assert parameters(encoder.network) == 21_284_672  # torchvision's, less the classes of ImageNet
-    assert parameters(encoder.segmenting) == parameters(encoder.network.stages[3])
-
-
 def test_a_seed_gives_the_same_weights_and_leaves_torchs_own_alone():
     state = torch.random.get_rng_state()
     with small_networks():

@@ -1,9 +1,8 @@
 import pytest
 import torch
 
-from wrongturn_agents.models.affordances import FARTHEST, GROUPS, Affordances
+from wrongturn_agents.models.affordances import FARTHEST, Affordances
 from wrongturn_agents.models.marln import ACTIONS, MEMORY, Marln, disturb
-from wrongturn_protocol.segmentation import SegmentationClass
 
 
 @pytest.fixture(scope="module")
@@ -48,11 +47,6 @@ def test_controls_are_one_of_the_actions(model):
     for steer, throttle, brake in action.tolist():
         assert (steer, throttle - brake) in [pytest.approx(one, abs=1e-6) for one in ACTIONS]
         assert throttle * brake == 0.0
-
-
-def test_six_classes_hold_all_eleven():
-    assert len(GROUPS) == 6
-    assert sorted(one for group in GROUPS.values() for one in group) == sorted(SegmentationClass)
 
 
 def test_the_affordances_loss_falls_and_counts_lanes_outside_junctions_only(model):

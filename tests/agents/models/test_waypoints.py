@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from wrongturn_agents.models.waypoint_control import MEMORY, Gains, WaypointControl, mean_speed, steering_to
-from wrongturn_agents.models.waypoints import APART, BEFORE, COUNT, WaypointHeads, soft_argmax, to_ground, to_picture
+from wrongturn_agents.models.waypoints import APART, BEFORE, COUNT, soft_argmax, to_ground, to_picture
 from wrongturn_sim.camera import Camera
 
 
@@ -39,12 +39,6 @@ def test_the_ground_is_the_inverse_of_the_picture():
     assert torch.allclose(to_ground(to_picture(places)), places, atol=1e-3)
     # A point above the horizon is far away, not behind the car.
     assert to_ground(torch.tensor([0.0, -1.0]))[0] > 100.0
-
-
-def test_heads_tell_five_points_for_each_command_eight_times_as_fine_as_the_encoding():
-    heads = WaypointHeads(32, 4)
-    assert heads.enlarge(torch.zeros(2, 33, 2, 6)).shape == (2, 4, 16, 48)
-    assert heads(torch.randn(2, 32, 2, 6), torch.tensor([[3.0], [8.0]])).shape == (2, 4, COUNT, 2)
 
 
 def straight(speed):

@@ -1,5 +1,3 @@
-import sys
-
 import pytest
 
 from wrongturn_agents.training.errors import TrainingError
@@ -46,11 +44,3 @@ def test_evaluations_are_told_at_once_and_rows_now_and_then(capsys, monkeypatch)
         "ppo-image: pretraining, 4,096 frames, loss 0.500",
         "ppo-image: 1.2 min, 16,384 steps, 2,048/s, reward of an episode 1,234, held-out journeys 96%",
     ]
-
-
-def test_a_terminal_has_a_bar(capsys, monkeypatch):
-    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
-    with Display("ppo-image") as display:
-        display.row({**ROW, "success_heldout": 0.5})
-        assert display._bar.tasks[0].completed == 0.5
-    assert "held-out journeys 50%" in capsys.readouterr().out

@@ -5,7 +5,6 @@ import torch
 from small_run import HERE, SMALL
 
 from wrongturn_agents.training.checkpoint import load_checkpoint, read
-from wrongturn_agents.training.method import load
 from wrongturn_agents.training.methods.ppo.ppo import WrongturnPPO
 from wrongturn_agents.training.progress import read_rows
 from wrongturn_agents.training.run import train
@@ -33,16 +32,6 @@ def test_a_run_leaves_its_files(run):
     rows = read_rows(whole / "progress.csv")
     assert [int(row["step"]) for row in rows] == [12, 24]
     assert rows[0]["success_heldout"] == rows[0]["traffic_success_heldout"] == "0"
-
-
-def test_a_checkpoint_drives(run):
-    found = load_checkpoint(run[0] / "last.pt")
-    assert (found["algorithm"], found["seed"], found["steps"]) == ("ppo-segmentation", 3, 24)
-    assert found["evaluation"]["journeys"] == 2
-    assert found["versions"]["torch"] == torch.__version__
-    seen = {"speed": torch.zeros(1, 1), "steering": torch.zeros(1, 1), "command": torch.full((1, 1), 4)}
-    picture = torch.zeros((1, 64, 192), dtype=torch.uint8)
-    assert load(run[0] / "last.pt").model.drive({**seen, "segmentation": picture}).shape == (1, 3)
 
 
 def test_a_resumed_run_goes_on(run):

@@ -1,7 +1,6 @@
 """Junction maps: their frame, and their shares."""
 
 import math
-import re
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from hypothesis import strategies as st
 
 from wrongturn_networks import load_suite, load_town
 from wrongturn_protocol import Command, FaultKind, Flag, JunctionType, Outcome, Safety, Verdict
-from wrongturn_protocol.junction_frame import Frame, rings
+from wrongturn_protocol.junction_frame import Frame
 from wrongturn_service.storage.finished import FinishedEpisode
 from wrongturn_service.web import junction_map
 from wrongturn_service.web.junction_map import frame_of, on_map
@@ -57,15 +56,6 @@ def test_the_car_drives_in_from_below_and_left_is_left(x, y, heading):
     assert np.allclose(on_map(frame, points), [[0, 30], [-10, 0]], atol=1e-6)
 
 
-def test_polygons_are_taken_from_either_kind_of_geometry():
-    square, hole = [[0, 0], [4, 0], [4, 4], [0, 0]], [[1, 1], [2, 1], [2, 2], [1, 1]]
-    for geometry, wanted in (
-        ({"type": "Polygon", "coordinates": [square, hole]}, [[square, hole]]),
-        ({"type": "MultiPolygon", "coordinates": [[square], [hole]]}, [[square], [hole]]),
-    ):
-        assert [[ring.tolist() for ring in polygon] for polygon in rings(geometry)] == wanted
-
-
 def test_all_approaches_of_a_type_have_the_street_in_the_same_place():
     town = load_town("Town01")
     for approach in town.approaches.values():
@@ -79,13 +69,6 @@ def test_all_approaches_of_a_type_have_the_street_in_the_same_place():
             else:
                 assert (x < 0) == (direction is Command.LEFT)
                 assert y == pytest.approx(-2 if direction is Command.LEFT else 2, abs=0.1)
-
-
-@given(OUTCOMES)
-def test_shares_add_up_to_the_trials(outcomes):
-    shares = junction_map.shares(outcomes)
-    assert sum(share.trials for share in shares) == len(outcomes)
-    assert len({(share.ending, share.side, share.mark) for share in shares}) == len(shares)
 
 
 def _map(outcomes, paths):
@@ -115,10 +98,3 @@ def test_a_mark_stays_on_the_map_and_unsafe_paths_lie_on_top():
     for path in drawn.paths:
         assert junction_map.LEFT < path.end[0] < junction_map.RIGHT
         assert junction_map.TOP < path.end[1] < junction_map.BOTTOM
-
-
-@given(POINTS)
-def test_path_data_begins_and_ends_where_the_path_does(points):
-    numbers = [float(number) for number in re.findall(r"-?[\d.]+", junction_map.path_data(points))]
-    assert numbers[:2] == pytest.approx(points[0], abs=0.06)
-    assert numbers[-2:] == pytest.approx(points[-1], abs=0.06)

@@ -63,20 +63,11 @@ def test_what_the_agent_was_told_names_the_route(fault):
     assert words.fault(fault).endswith(".")
 
 
-def test_an_infeasible_command_is_named():
-    assert words.told(_trial(FaultKind.INFEASIBLE)).startswith("The command said straight on, where there is no exit.")
-
-
 @pytest.mark.parametrize("verdict", Verdict)
 def test_every_end_is_told(verdict):
     said = words.ended(_outcome(verdict, exit=Command.LEFT if verdict.exited else None))
     assert said.endswith(".")
     assert ("6.2 s" in said) == (verdict not in {Verdict.ABORTED, Verdict.INVALID})
-
-
-def test_an_exit_is_told_by_its_direction():
-    said = words.ended(_outcome(Verdict.EXIT_ROUTE, exit=Command.STRAIGHT))
-    assert said == "The car went straight on, as its route goes. Verdict after 6.2 s."
 
 
 def test_the_side_is_that_of_the_strict_column():
