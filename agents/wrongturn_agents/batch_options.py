@@ -59,10 +59,10 @@ def drive_batch(options: RunOptions, batch: BatchOptions) -> None:
         from wrongturn_agents.batch.batch_run import BatchAgent, BatchRun  # noqa: PLC0415 - comes with an extra
         from wrongturn_agents.batch.workers import workers  # noqa: PLC0415
     except ImportError as error:
-        option, extra = ("--ray", "ray") if batch.ray else ("--workers", "batch")
+        option, wanted = ("--ray", "wrongturn-agents[ray]") if batch.ray else ("--workers", "wrongturn[sim]")
         raise RunError(
             f"{option}: drives in process, and {error.name} is not installed; install it with: "
-            f"{python()} -m pip install 'wrongturn-agents[{extra}]'"
+            f"{python()} -m pip install '{wanted}'"
         ) from error
     suite = options.suite or (WRONG_COMMAND if batch.task is None else NAVIGATION)
     agents = [BatchAgent(named, made_once(named, None)[0]) for named in batch.agents]

@@ -91,7 +91,7 @@ def test_wrongturn_brings_every_part_and_every_extra() -> None:
     # The rest is for those who draw figures for papers, or have CUDA.
     assert offered - brought == {("wrongturn-agents", "figures"), ("wrongturn-service", "cuda")}
     (everything,) = (Requirement(line) for line in META["optional-dependencies"]["all"])
-    assert everything.extras == META["optional-dependencies"].keys() - {"all", "agents", "sim"}
+    assert everything.extras == META["optional-dependencies"].keys() - {"all", "agents", "ray", "sim"}
 
 
 @pytest.mark.soak
@@ -165,7 +165,7 @@ def test_a_part_asks_for_nothing_heavy_that_it_does_not_need(wheels: Wheels, wan
         (
             "wrongturn-agents",
             "wrongturn_agents",
-            ("wrongturn_agents.models", "wrongturn_agents.sb3_agent", "wrongturn_agents.training"),
+            tuple(f"wrongturn_agents.{name}" for name in ("batch", "models", "sb3_agent", "training")),
         ),
     ],
 )
