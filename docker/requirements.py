@@ -1,6 +1,6 @@
 """Print the packages that the named parts need from outside this repository, one on each line.
 
-A part is named by its folder, with an extra in brackets where one is wanted: ``agents[onnx]``.
+A part is named by its folder, with extras in brackets where some are wanted: ``agents[onnx]``, ``service[server,ray]``.
 An image can install these with only the pyproject files, before it has the sources.
 """
 
@@ -10,7 +10,9 @@ from pathlib import Path
 
 needed: set[str] = set()
 for argument in sys.argv[1:]:
-    part, _, extra = argument.rstrip("]").partition("[")
+    part, _, extras = argument.rstrip("]").partition("[")
     project = tomllib.loads(Path(part, "pyproject.toml").read_text())["project"]
-    needed |= {*project["dependencies"], *(project["optional-dependencies"][extra] if extra else ())}
+    needed.update(project["dependencies"])
+    for extra in extras.split(",") if extras else ():
+        needed.update(project["optional-dependencies"][extra])
 print("\n".join(sorted(requirement for requirement in needed if not requirement.startswith("wrongturn-"))))

@@ -1,5 +1,7 @@
 # The service with its simulators. Build from the repository's root:
 #   docker build -f docker/service.Dockerfile -t wrongturn-service .
+# With Ray, for simulators on other machines (docs/cluster.md):
+#   docker build -f docker/service.Dockerfile --build-arg EXTRAS=server,ray -t wrongturn-service-ray .
 ARG PYTHON_IMAGE=python:3.11-slim-bookworm
 FROM ${PYTHON_IMAGE}
 
@@ -24,7 +26,8 @@ COPY LICENSE constraints.txt docker/requirements.py ./
 COPY clients/pyproject.toml clients/
 COPY networks/pyproject.toml networks/
 COPY service/pyproject.toml service/
-RUN python requirements.py clients networks service[server] > requirements.txt \
+ARG EXTRAS=server
+RUN python requirements.py clients networks "service[$EXTRAS]" > requirements.txt \
     && pip install -c constraints.txt -r requirements.txt \
     && cd "$(python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" \
     && find . -type d -name tests -prune -exec rm -rf {} + \

@@ -110,7 +110,7 @@ def test_each_volume_has_a_name() -> None:
     """Each 'down' would leave one without behind."""
     compose = yaml.safe_load((DOCKER / "compose.yaml").read_text())
     for name, service in compose["services"].items():
-        for volume in {*service["volumes"]} - (OF_THE_USER if name == "agent" else set()):
+        for volume in {*service.get("volumes", ())} - (OF_THE_USER if name == "agent" else set()):
             source, colon, _ = volume.partition(":")
             assert colon, f"{name}: {volume}"
             assert source in compose["volumes"], f"{name}: {volume}"
@@ -118,7 +118,8 @@ def test_each_volume_has_a_name() -> None:
 
 def test_each_shipped_agent_but_the_exploits_has_a_profile() -> None:
     services = yaml.safe_load((DOCKER / "compose.yaml").read_text())["services"]
-    workers = {name for name, service in services.items() if service.get("profiles")} - {"agent", "register"}
+    workers = {name for name, service in services.items() if service.get("profiles", ["ray"]) != ["ray"]}
+    workers -= {"agent", "register"}
     assert workers == {agent.name for agent in list_agents() if agent.kind is not AgentKind.EXPLOIT}
     for name in workers:
         assert (services[name]["profiles"], services[name]["command"]) == ([name], [name])
@@ -141,6 +142,18 @@ def test_the_runner_has_nothing_but_its_socket() -> None:
     (group,) = re.findall(r"groupadd --system --gid (\d+) runner", dockerfile)
     assert (options["uid"], options["gid"], options["size"]) == (user, group, "64k")
     assert re.search(r"useradd .*--groups runner .*wrongturn", dockerfile)
+
+
+def test_nodes_of_ray_have_no_secrets_and_reach_the_service_alone() -> None:
+    compose = yaml.safe_load((DOCKER / "compose.yaml").read_text())
+    nodes = {name: one for name, one in compose["services"].items() if one.get("profiles") == ["ray"]}
+    assert nodes.keys() == {"ray-head", "ray-worker-1", "ray-worker-2"}
+    for node in nodes.values():
+        assert not {"ports", "secrets", "env_file", "volumes", "depends_on"} & node.keys()
+        assert node["networks"] == ["simulators"]
+    assert compose["networks"]["simulators"]["internal"]
+    shared = {name for name, one in compose["services"].items() if "simulators" in one.get("networks", ())}
+    assert shared - nodes.keys() == {"service"}
 
 
 DECIDED = {
@@ -209,7 +222,7 @@ def test_an_agent_of_somebody_else_gets_its_owners_token_alone() -> None:
         "service",
         "agent",
     ]
-    assert [name for name, service in compose["services"].items() if "agent-runs" in str(service["volumes"])] == [
+    assert [name for name, service in compose["services"].items() if "agent-runs" in str(service)] == [
         "agent"
     ]
 

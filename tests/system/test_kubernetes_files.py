@@ -1,0 +1,130 @@
+"""What can be checked of the manifests for Kubernetes without a cluster: their schemas, and how they fit together."""
+
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import kubernetes_validate
+import pytest
+import yaml
+
+from wrongturn_service.settings import Settings
+
+FOLDER = Path(__file__).parents[2] / "docker/kubernetes"
+MANIFESTS = [manifest for file in sorted(FOLDER.glob("*.yaml")) for manifest in yaml.safe_load_all(file.read_text())]
+KUBERNETES = "1.33"
+_GROUP = {
+    "template": {"type": "object", "required": ["spec"]},
+    "rayStartParams": {"type": "object", "additionalProperties": {"type": "string"}},
+}
+_COUNT = {"type": "integer", "minimum": 0}
+RAY_CLUSTER = {
+    "type": "object",
+    "required": ["apiVersion", "kind", "metadata", "spec"],
+    "properties": {
+        "apiVersion": {"const": "ray.io/v1"},
+        "spec": {
+            "type": "object",
+            "required": ["headGroupSpec"],
+            "additionalProperties": False,
+            "properties": {
+                "rayVersion": {"type": "string"},
+                "headGroupSpec": {
+                    "type": "object",
+                    "required": ["template"],
+                    "additionalProperties": False,
+                    "properties": _GROUP,
+                },
+                "workerGroupSpecs": {
+                    "type": "array",
+                    "items": {
+                        "type": "object",
+                        "required": ["groupName", "maxReplicas", "minReplicas", "template"],
+                        "additionalProperties": False,
+                        "properties": {
+                            "groupName": {"type": "string"},
+                            "replicas": _COUNT,
+                            "minReplicas": _COUNT,
+                            "maxReplicas": _COUNT,
+                            **_GROUP,
+                        },
+                    },
+                },
+            },
+        },
+    },
+}
+"""Those fields of KubeRay's ``ray.io/v1`` that we use, and no others, so that a misspelt one is found."""
+
+
+def _only(kind: str, name: str) -> Any:
+    (found,) = (one for one in MANIFESTS if (one["kind"], one["metadata"]["name"]) == (kind, name))
+    return found
+
+
+def _valid(manifest: dict[str, Any]) -> None:
+    """Check a manifest against the schema of its kind, in which no other fields are allowed."""
+    if manifest["kind"] != "RayCluster":
+        kubernetes_validate.validate(manifest, KUBERNETES, strict=True)
+        return
+    jsonschema.validate(manifest, RAY_CLUSTER)
+    for group in _groups(manifest):
+        kubernetes_validate.validate({"apiVersion": "v1", "kind": "Pod", **group["template"]}, KUBERNETES, strict=True)
+
+
+def _groups(cluster: dict[str, Any]) -> list[Any]:
+    return [cluster["spec"]["headGroupSpec"], *cluster["spec"]["workerGroupSpecs"]]
+
+
+@pytest.mark.parametrize("manifest", MANIFESTS, ids=lambda one: f"{one['kind']}-{one['metadata']['name']}")
+def test_a_manifest_keeps_its_schema_and_a_misspelt_field_does_not(manifest: dict[str, Any]) -> None:
+    _valid(manifest)
+    wrong = {**manifest, "spec": {**manifest["spec"], "replicsa": 1}}
+    with pytest.raises((jsonschema.ValidationError, kubernetes_validate.ValidationError)):
+        _valid(wrong)
+
+
+def test_every_pod_is_hardened_and_has_limits() -> None:
+    pods = [_only("Deployment", "wrongturn")["spec"]["template"], *(g["template"] for g in _groups(_cluster()))]
+    for pod in pods:
+        spec = pod["spec"]
+        assert not spec["automountServiceAccountToken"]
+        assert (spec["securityContext"]["runAsNonRoot"], spec["securityContext"]["runAsUser"]) == (True, 10001)
+        (container,) = spec["containers"]
+        assert container["securityContext"]["capabilities"] == {"drop": ["ALL"]}
+        assert not container["securityContext"]["allowPrivilegeEscalation"]
+        assert container["resources"]["limits"]["memory"]
+
+
+def _cluster() -> Any:
+    return _only("RayCluster", "wrongturn-ray")
+
+
+def test_service_and_cluster_find_each_other() -> None:
+    (container,) = _only("Deployment", "wrongturn")["spec"]["template"]["spec"]["containers"]
+    settings = {variable["name"]: variable["value"] for variable in container["env"]}
+    assert {f"WRONGTURN_{name.upper()}" for name in Settings.model_fields} >= settings.keys()
+    # KubeRay names the head's service after the cluster.
+    assert settings["WRONGTURN_RAY_ADDRESS"] == f"ray://{_cluster()['metadata']['name']}-head-svc:10001"
+    listens = int(settings["WRONGTURN_RAY_LISTEN"].rpartition(":")[2])
+    assert listens in {port["containerPort"] for port in container["ports"]}
+    host, _, port = settings["WRONGTURN_RAY_ADVERTISE"].rpartition(":")
+    assert int(port) in {one["port"] for one in _only("Service", host)["spec"]["ports"]}
+
+
+def test_only_nodes_of_the_cluster_reach_the_port_of_simulators_and_only_friends_reach_ray() -> None:
+    label = {"matchLabels": {"ray.io/cluster": _cluster()["metadata"]["name"]}}
+    (http, simulators) = _only("NetworkPolicy", "wrongturn")["spec"]["ingress"]
+    assert http == {"ports": [{"port": 8000}]}
+    assert simulators == {"ports": [{"port": 8001}], "from": [{"podSelector": label}]}
+    policy = _only("NetworkPolicy", "wrongturn-ray")["spec"]
+    assert policy["podSelector"] == label
+    (rule,) = policy["ingress"]
+    assert {"podSelector": label} in rule["from"]
+
+
+def test_every_image_is_one_that_docker_md_builds() -> None:
+    images = {c["image"] for g in _groups(_cluster()) for c in g["template"]["spec"]["containers"]}
+    (container,) = _only("Deployment", "wrongturn")["spec"]["template"]["spec"]["containers"]
+    assert images == {container["image"]} == {"wrongturn-service-ray"}
+    assert "-t wrongturn-service-ray " in (FOLDER.parents[1] / "docs/cluster.md").read_text("utf-8")
