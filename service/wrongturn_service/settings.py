@@ -93,7 +93,9 @@ class Settings(BaseSettings):
     replayed in another one, which gets 0.02 s more for each step."""
     ray_address: Annotated[str, Field(min_length=1)] = "auto"
     """Address of the Ray cluster, such as `10.0.0.1:6379`. `auto` is the one that runs on this machine. This machine
-    has to be a node of it."""
+    has to be a node of it, see `WRONGTURN_RAY_JOIN`."""
+    ray_join: bool = False
+    """Whether the service makes its own machine or container a node of the cluster, one without cores."""
     ray_listen: str = "0.0.0.0:8001"
     """Address and port at which programs on Ray's nodes connect with the service. Port 0 takes a free one."""
     ray_advertise: str = ""

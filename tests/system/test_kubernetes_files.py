@@ -29,6 +29,11 @@ RAY_CLUSTER = {
             "additionalProperties": False,
             "properties": {
                 "rayVersion": {"type": "string"},
+                "authOptions": {
+                    "type": "object",
+                    "additionalProperties": False,
+                    "properties": {"mode": {"enum": ["disabled", "token"]}},
+                },
                 "headGroupSpec": {
                     "type": "object",
                     "required": ["template"],
@@ -102,21 +107,26 @@ def _cluster() -> Any:
 
 def test_service_and_cluster_find_each_other() -> None:
     (container,) = _only("Deployment", "wrongturn")["spec"]["template"]["spec"]["containers"]
-    settings = {variable["name"]: variable["value"] for variable in container["env"]}
-    assert {f"WRONGTURN_{name.upper()}" for name in Settings.model_fields} >= settings.keys()
-    # KubeRay names the head's service after the cluster.
-    assert settings["WRONGTURN_RAY_ADDRESS"] == f"ray://{_cluster()['metadata']['name']}-head-svc:10001"
+    settings = {variable["name"]: variable.get("value") for variable in container["env"]}
+    ours = {name for name in settings if name.startswith("WRONGTURN_")}
+    assert {f"WRONGTURN_{name.upper()}" for name in Settings.model_fields} >= ours
+    # KubeRay names the head's service, and the secret with the cluster's token, after the cluster.
+    name = _cluster()["metadata"]["name"]
+    assert settings["WRONGTURN_RAY_ADDRESS"] == f"{name}-head-svc:6379"
+    (token,) = (variable["valueFrom"] for variable in container["env"] if "valueFrom" in variable)
+    assert token == {"secretKeyRef": {"name": name, "key": "auth_token"}}
     listens = int(settings["WRONGTURN_RAY_LISTEN"].rpartition(":")[2])
     assert listens in {port["containerPort"] for port in container["ports"]}
     host, _, port = settings["WRONGTURN_RAY_ADVERTISE"].rpartition(":")
     assert int(port) in {one["port"] for one in _only("Service", host)["spec"]["ports"]}
 
 
-def test_only_nodes_of_the_cluster_reach_the_port_of_simulators_and_only_friends_reach_ray() -> None:
+def test_only_nodes_of_the_cluster_reach_more_than_http_and_only_friends_reach_ray() -> None:
     label = {"matchLabels": {"ray.io/cluster": _cluster()["metadata"]["name"]}}
-    (http, simulators) = _only("NetworkPolicy", "wrongturn")["spec"]["ingress"]
-    assert http == {"ports": [{"port": 8000}]}
-    assert simulators == {"ports": [{"port": 8001}], "from": [{"podSelector": label}]}
+    assert _only("NetworkPolicy", "wrongturn")["spec"]["ingress"] == [
+        {"ports": [{"port": 8000}]},
+        {"from": [{"podSelector": label}]},
+    ]
     policy = _only("NetworkPolicy", "wrongturn-ray")["spec"]
     assert policy["podSelector"] == label
     (rule,) = policy["ingress"]

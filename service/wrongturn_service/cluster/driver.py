@@ -1,4 +1,6 @@
-"""The driver of Ray: ``python -m wrongturn_service.cluster.driver ADDRESS``, a child of the service.
+"""The driver of Ray: ``python -m wrongturn_service.cluster.driver ADDRESS [--join]``, a child of the service.
+
+A driver runs on a node of its cluster. With ``--join`` it makes its machine one first, a node without cores.
 
 Nothing else of the service imports Ray, which ends a process whose cluster is lost. The driver then ends with a status
 that is not 0, and the service starts another one. Its programs end with it. It ends with stdin, too.
@@ -15,10 +17,12 @@ Lines of JSON on stdout:
 """
 
 import asyncio
+import contextlib
 import functools
 import json
 import logging
 import os
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any, Final
@@ -27,8 +31,14 @@ LONGEST: Final = 1 << 20
 """Longest line, bytes."""
 LOOK_S: Final = 2.0
 """Seconds between two looks at the nodes."""
+_OBJECT_STORE: Final = 100_000_000
+"""Bytes of Ray's object store on a machine that joins; models of submissions go through it."""
 _PATIENCE_S: Final = 5.0
 """Seconds in which Ray's head has to answer."""
+
+
+class JoinError(Exception):
+    """This machine could not become a node."""
 
 
 class Driver:
@@ -143,6 +153,32 @@ def _task() -> Any:
     return ray.remote(max_retries=0, scheduling_strategy="SPREAD")(node.run)
 
 
+def join(address: str) -> None:
+    """Make this machine a node of a cluster, if it is none. It has no cores, so nothing is placed here.
+
+    The node outlives a driver that is killed, and the next driver uses it. Raises JoinError.
+    """
+    if _is_node(address):
+        return
+    options = ["--num-cpus=0", "--num-gpus=0", f"--object-store-memory={_OBJECT_STORE}", "--disable-usage-stats"]
+    command = [sys.executable, "-m", "ray.scripts.scripts", "start", f"--address={address}", *options]
+    done = subprocess.run(  # noqa: S603 - Ray's own program
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
+    )
+    if done.returncode:
+        raise JoinError(f"this machine could not join the cluster: {done.stdout.strip().splitlines()[-1]}")
+
+
+def _is_node(address: str) -> bool:
+    """Return whether this machine runs a node that was started with this address. Ray leaves helpers of dead ones."""
+    for process in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            program, *arguments = process.read_bytes().split(b"\0")
+            if program.endswith(b"/raylet") and f"--gcs-address={address}".encode() in arguments:
+                return True
+    return False
+
+
 def connect(address: str) -> str:
     """Connect this process with a cluster; return the address of this machine in it. Raises what Ray raises."""
     import ray  # noqa: PLC0415
@@ -157,6 +193,8 @@ def main() -> None:
     os.dup2(2, 1)  # what Ray prints must not mix with our lines
     driver = Driver(out)
     try:
+        if "--join" in sys.argv:
+            join(sys.argv[1])
         driver.say("connected", address=connect(sys.argv[1]))
     except Exception as error:
         cause = f" ({error.__cause__})" if error.__cause__ is not None else ""

@@ -93,7 +93,7 @@ class Programs:
         self.changed: Callable[[], None] = lambda: None
         """Called when :attr:`trouble` or :attr:`nodes` have changed."""
         self._settings = settings
-        self._command = (*command, settings.ray_address)
+        self._command = (*command, settings.ray_address, *(["--join"] if settings.ray_join else []))
         tls = None
         self._certificate: str | None = None
         if settings.ray_certificate is not None:
