@@ -1,6 +1,6 @@
 # The service with its simulators. Build from the repository's root:
 #   docker build -f docker/service.Dockerfile -t wrongturn-service .
-# With Ray, for simulators on other machines (docs/cluster.md):
+# With Ray, for simulators on other machines (docs/compose.md):
 #   docker build -f docker/service.Dockerfile --build-arg EXTRAS=server,ray -t wrongturn-service-ray .
 ARG PYTHON_IMAGE=python:3.11-slim-bookworm
 FROM ${PYTHON_IMAGE}

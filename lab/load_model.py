@@ -11,7 +11,7 @@ processors. In a cluster the agents have machines of their own, and four simulat
 import json
 import statistics
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -61,7 +61,7 @@ class Flow:
     @property
     def evaluations_per_h(self) -> float:
         """Return how many evaluations that are in an hour."""
-        return 3600 * self.steps_per_s / STEPS
+        return 3600.0 * self.steps_per_s / STEPS
 
 
 def flow(load: Load, simulators: int, seed: int = _SEED) -> Flow:
@@ -74,7 +74,7 @@ def flow(load: Load, simulators: int, seed: int = _SEED) -> Flow:
     took: list[float] = []
     worked = 0.0
 
-    def work(mean: float, *resources: simpy.Resource | None) -> Iterator[Any]:
+    def work(mean: float, *resources: simpy.Resource | None) -> Generator[Any, Any, None]:
         held = []
         for resource in resources:
             if resource is not None:
@@ -84,7 +84,7 @@ def flow(load: Load, simulators: int, seed: int = _SEED) -> Flow:
         for resource, request in zip([one for one in resources if one is not None], held, strict=True):
             resource.release(request)
 
-    def agent(number: int) -> Iterator[Any]:
+    def agent(number: int) -> Generator[Any, Any, None]:
         nonlocal worked
         thread = threads[number % len(threads)]
         while True:
@@ -111,14 +111,14 @@ def fitted(cases: list[dict[str, Any]], processors: int) -> Load:
     """Return the load of cases that were measured on one machine."""
 
     def mean(group: str) -> float:
-        return statistics.mean(case["processor_ms"][group] for case in cases) / 1000
+        return float(statistics.mean(case["processor_ms"][group] for case in cases)) / 1000
 
     return Load(mean("service"), mean("simulators"), mean("clients"), processors=processors)
 
 
 def measured_rows(cases: list[dict[str, Any]], load: Load) -> list[Row]:
     """Return for each case what was measured beside what the model foretells."""
-    rows = []
+    rows: list[Row] = []
     for case in cases:
         told = flow(load, case["simulators"])
         rows.append(
@@ -136,7 +136,7 @@ def measured_rows(cases: list[dict[str, Any]], load: Load) -> list[Row]:
 
 def cluster_rows(load: Load) -> list[Row]:
     """Return what the model foretells for clusters, with one service and with two."""
-    rows = []
+    rows: list[Row] = []
     for count in COUNTS:
         one, two = flow(load, count), flow(replace(load, services=2), count)
         rows.append(
@@ -166,7 +166,7 @@ def main() -> None:
     for nodes in sorted({case["nodes"] for case in told["cases"]}):
         cases = [case for case in told["cases"] if case["nodes"] == nodes]
         load = fitted(cases, told["processors"])
-        head = ("where", "simulators", "steps/s", "model", "a step, ms", "model")
+        head: Row = ("where", "simulators", "steps/s", "model", "a step, ms", "model")
         print(Table("", head, measured_rows(cases, load), words=1).markdown())
         cluster = replace(load, processors=None, think=think, hop=0.0005)
         print(f"\n{cluster}\n")

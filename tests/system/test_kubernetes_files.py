@@ -115,10 +115,8 @@ def test_service_and_cluster_find_each_other() -> None:
     assert settings["WRONGTURN_RAY_ADDRESS"] == f"{name}-head-svc:6379"
     (token,) = (variable["valueFrom"] for variable in container["env"] if "valueFrom" in variable)
     assert token == {"secretKeyRef": {"name": name, "key": "auth_token"}}
-    listens = int(settings["WRONGTURN_RAY_LISTEN"].rpartition(":")[2])
-    assert listens in {port["containerPort"] for port in container["ports"]}
-    host, _, port = settings["WRONGTURN_RAY_ADVERTISE"].rpartition(":")
-    assert int(port) in {one["port"] for one in _only("Service", host)["spec"]["ports"]}
+    (port,) = _only("Service", "wrongturn")["spec"]["ports"]
+    assert port["targetPort"] in {port["name"] for port in container["ports"]}
 
 
 def test_only_nodes_of_the_cluster_reach_more_than_http_and_only_friends_reach_ray() -> None:
@@ -133,8 +131,8 @@ def test_only_nodes_of_the_cluster_reach_more_than_http_and_only_friends_reach_r
     assert {"podSelector": label} in rule["from"]
 
 
-def test_every_image_is_one_that_docker_md_builds() -> None:
+def test_the_page_builds_the_image_of_every_pod() -> None:
     images = {c["image"] for g in _groups(_cluster()) for c in g["template"]["spec"]["containers"]}
     (container,) = _only("Deployment", "wrongturn")["spec"]["template"]["spec"]["containers"]
     assert images == {container["image"]} == {"wrongturn-service-ray"}
-    assert "-t wrongturn-service-ray " in (FOLDER.parents[1] / "docs/cluster.md").read_text("utf-8")
+    assert "-t wrongturn-service-ray " in (FOLDER.parents[1] / "docs/compose.md").read_text("utf-8")

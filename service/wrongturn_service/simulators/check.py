@@ -3,6 +3,7 @@
 import asyncio
 import time
 
+from wrongturn_service.cluster.options import host_and_port
 from wrongturn_service.cluster.programs import Programs
 from wrongturn_service.machine import Machine
 from wrongturn_service.settings import Settings
@@ -54,7 +55,10 @@ async def _start(settings: Settings) -> tuple[float, int]:
 
 async def _start_on_ray(settings: Settings) -> str:
     """Start a simulator on the cluster; return what the cluster has, and how long the start took."""
-    programs = Programs(settings)
+    # Another port, because a running service has this one.
+    listen = f"{settings.ray_listen.rpartition(':')[0]}:0"
+    advertise = settings.ray_advertise and host_and_port(settings.ray_advertise, port=0)[0]
+    programs = Programs(settings.model_copy(update={"ray_listen": listen, "ray_advertise": advertise}))
     try:
         await programs.open()
         began = time.monotonic()
@@ -64,7 +68,7 @@ async def _start_on_ray(settings: Settings) -> str:
         nodes = programs.nodes
     except OSError as error:
         where = f"WRONGTURN_RAY_LISTEN: {settings.ray_listen}"
-        raise SimulatorStartError(f"{where}: {error.strerror or error}; is the service running?") from error
+        raise SimulatorStartError(f"{where}: {error.strerror or error}") from error
     finally:
         await programs.close()
     return (
