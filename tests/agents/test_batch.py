@@ -1,5 +1,7 @@
 """Batches without a service: the same file in one piece or many, after kills, and as over the service."""
 
+import csv
+import io
 import os
 import signal
 import subprocess
@@ -97,6 +99,9 @@ def test_an_array_of_slurm_makes_the_file_of_one_run(here: Path):
     merged = run("results", "--merge", "piece-3.json", "piece-1.json", "piece-2.json", "--json", "merged.json")
     assert merged.returncode == 0, merged.stderr
     assert (here / "merged.json").read_bytes() == (here / "whole.json").read_bytes()
+    assert run("results", "merged.json").stdout.partition("Practice on")[0] in whole.stdout
+    rows = list(csv.DictReader(io.StringIO(run("results", "--csv", "-", "merged.json").stdout)))
+    assert len({(row["agent"], row["secret"], row["trial"]) for row in rows}) == 48
     runs = read_runs(here / "whole.json")
     assert [one.agent for one in runs] == ["parked", "parked", "always-stops", "always-stops"]
     assert [one.secret for one in runs[:2]] == [one.secret for one in runs[2:]]
