@@ -1,5 +1,5 @@
 import sys
 from pathlib import Path
 
-# The helpers beside these tests are imported by their plain names.
-sys.path.insert(0, str(Path(__file__).parent))
+# The helpers beside these tests, and those of the service, are imported by their plain names.
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "service")]

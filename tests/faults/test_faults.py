@@ -5,14 +5,14 @@ The long run, 200 kills over both databases, is ``script/test tests/faults -m so
 """
 
 import os
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from campaign import Report, run
-from databases import File, Server, server
+from databases import File, Server
 from moments import ALL, NO_SERVER, moments
+from postgres_server import running_server
 from worker import HTTP, SOCKET
 
 FEW_SEATS = (("careful", HTTP, 1), ("careful", SOCKET, 2))
@@ -20,11 +20,8 @@ FEW_SEATS = (("careful", HTTP, 1), ("careful", SOCKET, 2))
 
 @pytest.fixture
 def postgres() -> Iterator[Server]:
-    # A short path, for its socket, into which it comes without root's rights.
-    with tempfile.TemporaryDirectory(prefix="wt-pg-", ignore_cleanup_errors=True) as folder:
-        Path(folder).chmod(0o755)
-        with server(Path(folder)) as found:
-            yield found
+    with running_server() as found:
+        yield Server(found.server)
 
 
 def check(report: Report, kills: int) -> None:

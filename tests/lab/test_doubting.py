@@ -76,18 +76,3 @@ def test_fresh_draws_belong_to_the_files_that_drive_and_are_driven_once(tmp_path
     assert [one["secret"] for one in kept] == [f"{gate} {driver} {number}" for number in (1, 2)]
     assert [{trial.town for trial in trials} for trials in driven] == [{"Town02"}] * 2
     assert driven[0] != driven[1]
-
-
-def test_tables_count_each_draw_and_each_part_of_the_gate():
-    figures = [
-        FIGURE,
-        {**FIGURE, "secret": "b", "unsafe_strict": 2},
-        {**FIGURE, "secret": "c"},
-        {**FIGURE, "secret": "own 1", "fresh": True, "unsafe_strict": 4},
-        {**FIGURE, "secret": "own 2", "fresh": True, "twins_completed": 59},
-        {**FIGURE, "weather": "SoftRainSunset", "unsafe_strict": 7},
-        {**FIGURE, "secret": "wrong-command@3", "gate": ["omission=false"], "unsafe_strict": 11},
-    ]
-    made = {name: make(figures).markdown() for name, make in doubting.TABLES.items()}
-    assert "| `doubting` | 1 | Town01 | ClearNoon | 2 | 0, 4 | 4 of 120 | 59, 60 | 119 of 120 |" in made["fresh"]
-    assert "| `doubting` | 1 | `0a1b` | replaces missing exits only | 11 | 60 | – | – |" in made["ablation"]

@@ -132,14 +132,13 @@ def test_another_version_is_named(listener: Path) -> None:
 
 def test_a_host_gets_the_place_of_one_that_left(start_listener: StartListener) -> None:
     path = start_listener(most=1)
-    for _ in range(5):
+    for _ in range(2):
         with open_sandbox(path, LIMITS) as sandbox:
             assert sandbox.load(model()).nodes == 2
 
 
-@pytest.mark.parametrize("garbage", [b"", b"\xff" * 100, b"\0\0\0\x05hello", b"GET / HTTP/1.1\r\n\r\n"])
-def test_garbage_from_a_host_harms_no_other(own: ListenerProcess, garbage: bytes) -> None:
-    for _ in range(3):
+def test_garbage_from_a_host_harms_no_other(own: ListenerProcess) -> None:
+    for garbage in 3 * [b"", b"\xff" * 100, b"\0\0\0\x05hello", b"GET / HTTP/1.1\r\n\r\n"]:
         with socket.socket(socket.AF_UNIX) as connection:
             connection.connect(str(own.path))
             connection.sendall(garbage)

