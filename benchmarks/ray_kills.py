@@ -1,6 +1,6 @@
 """``kill -9`` on a Ray cluster during evaluations: what is lost or counted twice, and when does everybody step again?
 
-``python benchmarks/ray_kills.py [--each N] [--seed N] [--victims WORDS] [--json FILE] [--short]``
+``python benchmarks/ray_kills.py [--each N] [--seed N] [--victims WORDS] [--minutes N] [--json FILE] [--short]``
 
 Kills simulators, raylets, nodes with all their processes, the head, Ray's driver and the service, in drawn order, each
 once everything works again. What is killed is started again, as systemd or Kubernetes would. The time of a kill is the
@@ -8,6 +8,7 @@ longest that one of the agents waited for its next step, from then until everyth
 """
 
 import itertools
+import math
 import os
 import random
 import statistics
@@ -34,6 +35,8 @@ VICTIMS = ("simulator", "raylet", "node", "head", "driver", "service")
 SEATS = (("careful", HTTP, 1), ("obeys-blindly", SOCKET, 1), ("careful", SOCKET, 2))
 SUITE = "wrong-command@3"
 _LONGEST_S = 240.0
+_NOTICED_S = 30.0
+"""Seconds in which Ray notices that a node is gone."""
 _SETTLED_S = 1.5
 """Seconds in which the consequences of a kill begin, and in which the last steps are noted."""
 
@@ -93,9 +96,15 @@ class Storm:
             return self.nodes.kill_one([psutil.Process(pid) for pid in children(self.service.pid or 0)])
         return self.service.kill()
 
-    def longest_pause(self, killed: float) -> float:
+    def longest_pause(self, victim: str, killed: float, connections: float) -> float:
         """Wait until all is well again; return the longest time since the kill without a step of some agent."""
         time.sleep(_SETTLED_S)
+        if victim in {"head", "driver"}:
+            until(lambda: self.figure("ray_connections") > connections, _LONGEST_S, "nobody has connected again")
+        elif victim in {"raylet", "node"}:
+            noticed_by = time.time() + _NOTICED_S
+            while time.time() < noticed_by and self.figure("ray_nodes") > len(self.nodes.workers):
+                time.sleep(0.1)
         until(self.well, _LONGEST_S, "the cluster is not well")
         well = time.time()
         time.sleep(_SETTLED_S)
@@ -112,6 +121,7 @@ class Storm:
 def main() -> None:
     options = parser(__doc__)
     options.add_argument("--each", type=int, default=20, help="kills of each victim")
+    options.add_argument("--minutes", type=float, default=math.inf, help="after which nothing more is killed")
     options.add_argument("--seed", type=int, default=7, help="of their order and moments")
     options.add_argument("--victims", nargs="+", default=VICTIMS, choices=VICTIMS)
     given = options.parse_args()
@@ -126,11 +136,15 @@ def main() -> None:
             storm.service.await_ready()
             for seat in storm.seats:
                 seat.thread.start()
+            enough = time.monotonic() + 60 * given.minutes
             for number, victim in enumerate(kills, 1):
+                if time.monotonic() > enough:
+                    break
                 until(storm.well, _LONGEST_S, "the cluster is not well")
                 time.sleep(chance.uniform(0.1, 2.0))
+                connections = storm.figure("ray_connections")
                 until(lambda victim=victim: storm.kill(victim, chance), 60.0, f"no {victim} to kill")
-                storm.times[victim].append(storm.longest_pause(time.time()))
+                storm.times[victim].append(storm.longest_pause(victim, time.time(), connections))
                 print(f"{number}/{len(kills)} {victim}: {storm.times[victim][-1]:.2f} s", flush=True)
             for seat in storm.seats:
                 seat.last.set()

@@ -46,8 +46,10 @@ class Nodes:
     def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
         self._stopping.set()
         self._keeping.join()
-        for number in range(len(self._commands)):
+        for number, process in enumerate(self._processes):
             self.kill(number)
+            if process is not None:
+                process.wait()
         shutil.rmtree(self._folder, ignore_errors=True)
 
     @property

@@ -54,7 +54,7 @@ def trials(count: int) -> list[Trial]:
 
 def action(step: int, episode: int) -> tuple[float, float, float]:
     """What is driven: anything, as long as it is the same on both sides."""
-    return rounded(0.25 * math.sin(0.07 * step + episode), 0.5, 0.0)
+    return rounded(0.03 * math.sin(0.2 * step + episode), 0.4 if step < 40 else 0.15, 0.0)
 
 
 async def compare(number: int, trial: Trial, sides: dict[str, Simulator], taken: dict[str, list[float]]) -> int:

@@ -35,6 +35,8 @@ _OBJECT_STORE: Final = 100_000_000
 """Bytes of Ray's object store on a machine that joins; models of submissions go through it."""
 _PATIENCE_S: Final = 5.0
 """Seconds in which Ray's head has to answer."""
+_REPLACED: Final = 2
+"""Looks at a head that listens and does not answer, after which it is taken for another one. Ray notices much later."""
 
 
 class JoinError(Exception):
@@ -44,9 +46,10 @@ class JoinError(Exception):
 class Driver:
     """Starts and ends programs, and tells what becomes of them."""
 
-    def __init__(self, out: int) -> None:
-        """Create it; ``out`` is the descriptor that lines are written to."""
+    def __init__(self, out: int, head: str) -> None:
+        """Create it; ``out`` is the descriptor that lines are written to, ``head`` the address of Ray's head."""
         self._out = out
+        self._head = head
         self._refs: dict[str, Any] = {}
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -109,20 +112,35 @@ class Driver:
 
     async def _watch(self) -> None:
         told: object = None
+        replaced = 0
         while True:
             try:
-                found = await asyncio.wait_for(asyncio.to_thread(nodes), _PATIENCE_S)
+                news = await asyncio.wait_for(asyncio.to_thread(nodes), _PATIENCE_S)
             except Exception as error:
                 lost = isinstance(error, TimeoutError)
                 news = "Ray's head does not answer" if lost else f"Ray's head failed: {error}"
-                if news != told:
-                    self.say("trouble", why=news)
+                replaced += await listens(self._head)
             else:
-                news = found
-                if news != told:
-                    self.say("nodes", nodes=news)
+                replaced = 0
+            if news != told:
+                self.say("trouble", why=news) if isinstance(news, str) else self.say("nodes", nodes=news)
             told = news
+            if replaced == _REPLACED:
+                self.say("trouble", why="another head of Ray is there, which does not know this driver")
+                os._exit(1)
             await asyncio.sleep(LOOK_S)
+
+
+async def listens(address: str) -> bool:
+    """Return whether somebody listens at an address."""
+    host, _, port = address.rpartition(":")
+    try:
+        async with asyncio.timeout(_PATIENCE_S):
+            _, writer = await asyncio.open_connection(host.strip("[]"), int(port))
+    except (OSError, TimeoutError):
+        return False
+    writer.close()
+    return True
 
 
 def nodes() -> Any:
@@ -179,27 +197,29 @@ def _is_node(address: str) -> bool:
     return False
 
 
-def connect(address: str) -> str:
-    """Connect this process with a cluster; return the address of this machine in it. Raises what Ray raises."""
+def connect(address: str) -> tuple[str, str]:
+    """Connect this process; return the addresses of the head and of this machine. Raises what Ray raises."""
     import ray  # noqa: PLC0415
 
-    ray.init(address=address, log_to_driver=False, logging_level=logging.WARNING, namespace="wrongturn")
-    return str(ray.util.get_node_ip_address())
+    context = ray.init(address=address, log_to_driver=False, logging_level=logging.WARNING, namespace="wrongturn")
+    return str(context.address_info["gcs_address"]), str(ray.util.get_node_ip_address())
 
 
 def main() -> None:
     """Drive the cluster whose address the command line names."""
     out = os.dup(1)
     os.dup2(2, 1)  # what Ray prints must not mix with our lines
-    driver = Driver(out)
     try:
         if "--join" in sys.argv:
             join(sys.argv[1])
-        driver.say("connected", address=connect(sys.argv[1]))
+        head, own = connect(sys.argv[1])
     except Exception as error:
         cause = f" ({error.__cause__})" if error.__cause__ is not None else ""
-        driver.say("trouble", why=f"cannot connect to Ray at {sys.argv[1]}: {error}{cause}")
+        why = f"cannot connect to Ray at {sys.argv[1]}: {error}{cause}"
+        Driver(out, "").say("trouble", why=why)
         sys.exit(1)
+    driver = Driver(out, head)
+    driver.say("connected", address=own)
     asyncio.run(driver.serve())
 
 
