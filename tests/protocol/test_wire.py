@@ -91,6 +91,10 @@ def test_a_message_cut_short_is_called_truncated(length: int) -> None:
         msgpack.packb([1, [["look", "e"]] * (wire.CALLS + 1)]),
         b"\x91" * 5000 + b"\x00",
         b"\xa1\xff",
+        b"\x92\x01\x80",
+        b"\x93\x01\x91\xc0\xc0",
+        b"\x92\x01\x91\x92\xa8practise\x81\x90\x01",
+        b"\x92\x01\x91" + b"\x91" * 5000 + b"\xc0",
     ],
 )
 def test_what_is_no_message_is_refused(message: bytes) -> None:

@@ -74,31 +74,6 @@ def test_a_message_means_the_same_however_it_comes(
         assert answered == {number: f"there is no episode 'none {number}'" for number in range(3)}
 
 
-def test_a_message_that_trickles_in_is_answered(service: RunningService, agent: Agent) -> None:
-    with connected(service) as raw:
-        upgrade(raw, agent.token)
-        raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        for byte in frame(BINARY, LOOKS[1]):
-            raw.sendall(bytes([byte]))
-            time.sleep(0.02)
-        _, payload = next(told(raw))
-        assert wire.unpack_results(payload)[0] == 1
-
-
-MALFORMED = {
-    "no calls": b"\x92\x01\x90",
-    "too many calls": wire.pack_calls(1, [["look", "x"]] * (wire.CALLS + 1)),
-    "a number below zero": b"\x92\xff\x91\xc0",
-    "a number too large": b"\x92\xcf" + (2**32).to_bytes(8, "big") + b"\x91\xc0",
-    "true for a number": b"\x92\xc3\x91\xc0",
-    "calls that are a map": b"\x92\x01\x80",
-    "three things": b"\x93\x01\x91\xc0\xc0",
-    "two messages in one": LOOKS[0] * 2,
-    "more after the message": LOOKS[0] + b"\0",
-    "text that is no UTF-8": b"\x92\x01\x91\x92\xa4look\xa1\xff",
-    "an array for a key": b"\x92\x01\x91\x92\xa8practise\x81\x90\x01",
-    "arrays a thousand deep": b"\x92\x01\x91" + b"\x91" * 5000 + b"\xc0",
-}
 HALF = bytes(LIMIT // 2 + 1)
 BROKEN = {
     "a frame without a mask": (b"\x82\x01\x90", 1002, ""),
@@ -117,9 +92,12 @@ BROKEN = {
     "truncated in fragments": (frame(BINARY, LOOKS[0][:3], final=False) + frame(0, b""), 1007, "truncated-message"),
     "text": (frame(TEXT, b"text"), 1003, "text-message"),
     "too large": (frame(BINARY, bytes(LIMIT + 1)), 1009, "message-too-large"),
-    **{f"cut at {at}": (frame(BINARY, LOOKS[0][:at]), 1007, "truncated-message") for at in range(len(LOOKS[0]))},
-    **{name: (frame(BINARY, data), 1007, "malformed-message") for name, data in MALFORMED.items()},
+    "cut off": (frame(BINARY, LOOKS[0][:-1]), 1007, "truncated-message"),
+    "empty": (frame(BINARY, b""), 1007, "truncated-message"),
+    "two messages in one": (frame(BINARY, LOOKS[0] * 2), 1007, "malformed-message"),
+    "no calls": (frame(BINARY, b"\x92\x01\x90"), 1007, "malformed-message"),
 }
+"""What else is no message, and is cut off anywhere: tests/protocol/test_wire.py."""
 
 
 @pytest.fixture(scope="module")
