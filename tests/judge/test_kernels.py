@@ -6,14 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import shapely
 from handmade_junction import junction
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely import LineString, Point, Polygon, box
 
 from wrongturn_judge import THRESHOLDS, kernels
-from wrongturn_judge.packing import Boxes, Packed, Surface, edges_of, numbers_of, segments_of
+from wrongturn_judge.packing import Packed, edges_of, numbers_of, segments_of
 from wrongturn_protocol import JunctionType
 from wrongturn_sim.view.window import box as corners
 
@@ -163,20 +162,3 @@ def test_no_box_on_the_way_is_missed(x: float, y: float, yaw: float, v: float) -
     ]
     least = min(times)
     assert found == pytest.approx(least if least <= 5.0 else math.inf)
-
-
-def test_grids_are_right_cell_by_cell() -> None:
-    surface = Surface.of(CROSS.road)
-    grid = surface.grid
-    rows, columns = np.mgrid[: grid.rows, : grid.columns]
-    cells = shapely.box(grid.x + columns, grid.y + rows, grid.x + columns + 1.0, grid.y + rows + 1.0)
-    within = shapely.contains_properly(CROSS.road, cells)
-    apart = ~shapely.intersects(CROSS.road, cells)
-    assert (surface.codes[within] == kernels.ROAD_IN).all()
-    assert (surface.codes[apart] == 0).all()
-    assert (surface.codes[~within & ~apart] == kernels.ROAD_EDGE).all()
-
-
-def test_nothing_solid_is_no_grid() -> None:
-    boxes = Boxes.of(np.empty((0, 5)))
-    assert (boxes.grid.rows, boxes.grid.columns) == (0, 0)
