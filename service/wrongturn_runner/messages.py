@@ -28,6 +28,8 @@ class _ModelJob(Message):
     """Unix socket of a runner container; None for sandboxes by bubblewrap on this machine."""
     memory: int
     """Bytes that the model's process may take."""
+    gpu: bool = False
+    """Whether the model is computed on a GPU."""
     url: str
     """URL of the service."""
 

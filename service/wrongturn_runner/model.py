@@ -103,7 +103,7 @@ def sandboxed_model(
     there is no sandbox.
     """
     data = _read(job.model, job.sha256)
-    limits = Limits(memory=job.memory, load_s=LOAD_S, step_s=step_s)
+    limits = Limits(memory=job.memory, load_s=LOAD_S, step_s=step_s, gpu=job.gpu)
     with contextlib.ExitStack() as stack:
         with _explained():
             loaded = [stack.enter_context(_first_sandbox(job.socket, limits))]

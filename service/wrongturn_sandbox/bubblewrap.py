@@ -1,11 +1,13 @@
 """Starts a program under bubblewrap: without network, files, other processes and privileges."""
 
+import os
 import shutil
 import socket
 import subprocess
 from typing import Final
 
 from wrongturn_sandbox.errors import SandboxUnavailableError
+from wrongturn_sandbox.gpu import cuda_libraries, devices, driver_libraries
 from wrongturn_sandbox.libraries import interpreter, packages, shared_libraries, standard_library
 
 _LIBRARIES: Final = "/libraries"
@@ -53,14 +55,24 @@ def version() -> str:
     return told.stdout.strip()
 
 
-def command(python_arguments: list[str]) -> list[str]:
-    """Return the command line that runs Python inside a sandbox. Raises SandboxUnavailableError."""
+def command(python_arguments: list[str], *, gpu: bool = False) -> list[str]:
+    """Return the command line that runs Python inside a sandbox. Raises SandboxUnavailableError.
+
+    With ``gpu`` it has the GPU's devices, and the libraries of driver and CUDA.
+    """
     linker, libraries = shared_libraries()
     python = f"{_PYTHON}/bin/{interpreter().name}"
     folders = {f"{_PYTHON}/{place}": path for place, path in standard_library().items()}
     binds = {python: interpreter(), str(linker): linker, **folders}
     binds |= {f"{_LIBRARIES}/{path.name}": path for path in libraries}
     binds |= {f"{_PACKAGES}/{place}": path for place, path in packages().items()}
+    variables = dict(_ENVIRONMENT)
+    if gpu:
+        binds |= {f"{_LIBRARIES}/{path.name}": path for path in driver_libraries()}
+        cuda = cuda_libraries()
+        binds |= {f"{_PACKAGES}/{place}": path for place, path in cuda.items()}
+        variables["LD_LIBRARY_PATH"] = ":".join((_LIBRARIES, *(f"{_PACKAGES}/{place}" for place in cuda)))
+        variables |= {name: os.environ[name] for name in ("CUDA_VISIBLE_DEVICES",) if name in os.environ}
     arguments = [
         *("--unshare-user", "--unshare-all", "--die-with-parent", "--new-session", "--clearenv"),
         *("--cap-drop", "ALL", "--uid", "65534", "--gid", "65534", "--hostname", "sandbox"),
@@ -71,7 +83,9 @@ def command(python_arguments: list[str]) -> list[str]:
         for name in ("site-packages", "dist-packages"):
             if (path / name).is_dir():
                 arguments += ["--tmpfs", f"{place}/{name}", "--remount-ro", f"{place}/{name}"]
-    for name, value in _ENVIRONMENT.items():
+    for device in devices() if gpu else ():
+        arguments += ["--dev-bind", str(device), str(device)]
+    for name, value in variables.items():
         arguments += ["--setenv", name, value]
     arguments += ["--chdir", "/", "--remount-ro", "/"]
     return [program(), *arguments, "--", python, "-S", "-s", "-P", *python_arguments]
@@ -83,10 +97,10 @@ class Bubblewrap:
     The kernel ends it together with the thread that starts it. So start it in one that lives as long.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, gpu: bool = False) -> None:
         mine, theirs = socket.socketpair()
         try:
-            line = command(["-m", "wrongturn_sandbox", "--guest", str(theirs.fileno())])
+            line = command(["-m", "wrongturn_sandbox", "--guest", str(theirs.fileno())], gpu=gpu)
             self._process = subprocess.Popen(  # noqa: S603 - the command is our own
                 line,
                 stdin=subprocess.DEVNULL,

@@ -28,14 +28,16 @@ clock_gettime clock_getres clock_nanosleep nanosleep gettimeofday time getrandom
 getpid gettid getrusage times getcpu sched_getaffinity sysinfo uname
 """
 """System calls that computing needs. None of them opens, connects, starts or finds anything."""
+_DRIVER: Final = "ioctl openat fstat newfstatat statx lseek fcntl eventfd2"
+"""What CUDA's library needs as well. Of files, the sandbox has libraries and the GPU's devices."""
 
 
-def confine() -> None:
+def confine(*, gpu: bool = False) -> None:
     """Forbid all system calls but those of computing, new privileges, core dumps and other processes' looks.
 
-    Raises OSError if the kernel refuses, or libseccomp is missing.
+    With ``gpu`` the driver's are allowed too. Raises OSError if the kernel refuses, or libseccomp is missing.
     """
-    filter_ = _filter()
+    filter_ = _filter(_ALLOWED + _DRIVER if gpu else _ALLOWED)
     _prctl(_PR_SET_DUMPABLE, 0)
     _prctl(_PR_SET_NO_NEW_PRIVS, 1)
     for limit, most in (
@@ -44,7 +46,7 @@ def confine() -> None:
         (resource.RLIMIT_NPROC, 0),
         (resource.RLIMIT_MEMLOCK, 0),
         (resource.RLIMIT_MSGQUEUE, 0),
-        (resource.RLIMIT_NOFILE, 16),
+        (resource.RLIMIT_NOFILE, 256 if gpu else 16),
     ):
         resource.setrlimit(limit, (most, most))
     filter_.load()
@@ -88,11 +90,11 @@ def _find_seccomp(name: str) -> str | None:  # noqa: ARG001 - takes the place of
     return SECCOMP_LIBRARY
 
 
-def _filter() -> Any:
+def _filter(allowed: str) -> Any:
     seccomp = load_seccomp()
     filter_ = seccomp.SyscallFilter(seccomp.ERRNO(errno.EPERM))
     filter_.set_attr(seccomp.Attr.CTL_TSYNC, 1)  # for all threads, should a library have started one
-    for name in _ALLOWED.split():
+    for name in allowed.split():
         try:
             number = seccomp.resolve_syscall(seccomp.Arch.NATIVE, name)
         except (OSError, ValueError):

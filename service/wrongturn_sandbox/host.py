@@ -4,6 +4,7 @@ import contextlib
 import socket
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final, NoReturn, TypeVar
 
@@ -90,8 +91,7 @@ class Sandbox(contextlib.AbstractContextManager["Sandbox", None]):
 
     def begin(self) -> None:
         """Tell the guest its limits, and wait until it is ready. Raises SandboxUnavailableError."""
-        limits = self._limits
-        begin = {"begin": VERSION, "memory": limits.memory, "load_s": limits.load_s, "step_s": limits.step_s}
+        begin = {"begin": VERSION, **asdict(self._limits)}
         try:
             kind, said = self._exchange((frames.packed(begin),), time.monotonic() + START_S)
         except DeadlineError:
@@ -156,7 +156,7 @@ def open_sandbox(path: Path | None, limits: Limits) -> Sandbox:
     ``path`` is the Unix socket of a runner container, or None for bubblewrap on this machine. Raises SandboxBusyError,
     SandboxUnavailableError.
     """
-    sandbox = Sandbox(Bubblewrap() if path is None else Remote(path), limits)
+    sandbox = Sandbox(Bubblewrap(gpu=limits.gpu) if path is None else Remote(path), limits)
     try:
         sandbox.begin()
     except BaseException:
@@ -165,13 +165,13 @@ def open_sandbox(path: Path | None, limits: Limits) -> Sandbox:
     return sandbox
 
 
-def probe(path: Path | None) -> str:
+def probe(path: Path | None, *, gpu: bool = False) -> str:
     """Open a sandbox as :func:`open_sandbox`, close it, and return what it is: ``bubblewrap 0.8.0 (…)``.
 
     A container whose sandboxes are all taken works, and says so.
     """
     try:
-        with open_sandbox(path, Limits(memory=1 << 28)) as sandbox:
+        with open_sandbox(path, Limits(memory=1 << 28, gpu=gpu)) as sandbox:
             name = bubblewrap.version() if path is None else "runner container"
             return f"{name} ({sandbox.runtime})"
     except SandboxBusyError as error:

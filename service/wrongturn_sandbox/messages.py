@@ -3,7 +3,7 @@
 ====================================================  =====================================================
 host                                                  guest
 ====================================================  =====================================================
-``{"begin": version, "memory", "load_s", "step_s"}``  ``{"ready": version, "runtime": "onnxruntime 1.31"}``
+``{"begin": version, "memory", …}``: the limits        ``{"ready": version, "runtime": "onnxruntime 1.31"}``
 ``{"load": length}`` and a frame with the model       ``{"description": {...}}``
 ``{"run": {name: [dtype, shape, bytes]}}``            ``{"outputs": {name: [dtype, shape, bytes]}}``
 ====================================================  =====================================================
@@ -42,6 +42,8 @@ class Limits:
     """Seconds to check and load the model."""
     step_s: float = 2.0
     """Seconds that a step may take."""
+    gpu: bool = False
+    """Whether the model is computed on a GPU. It then reaches the GPU's driver."""
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ class Session:
         metadata = {entry.key: entry.value for entry in model.metadata_props}
         content = model.SerializeToString()
         model.Clear()  # onnxruntime needs the memory now
-        self._session = self._blamed(lambda: _open(content))
+        self._session = self._blamed(lambda: _open(content, gpu=limits.gpu))
         inputs, outputs = (tuple(map(_info, puts())) for puts in (self._session.get_inputs, self._session.get_outputs))
         self.description = Description(inputs, outputs, opset, metadata, nodes, parameters)
 
@@ -71,13 +71,25 @@ class Session:
             raise ModelRefusedError(f"onnxruntime refuses the model: {runtime_error(error)}") from None
 
 
-def warm_up() -> None:
-    """Load and run a tiny model, so that whatever the runtime loads late is there before files are out of reach."""
+def providers(*, gpu: bool) -> list[str]:
+    """Return what the runtime may compute with."""
+    return ["CUDAExecutionProvider", "CPUExecutionProvider"] if gpu else ["CPUExecutionProvider"]
+
+
+def warm_up(*, gpu: bool = False) -> None:
+    """Load and run a tiny model, so that whatever the runtime loads late is there before files are out of reach.
+
+    Raises RuntimeError if the runtime cannot compute on a GPU and has to.
+    """
+    if gpu and hasattr(onnxruntime, "preload_dlls"):
+        onnxruntime.preload_dlls()
     put = [helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 2]) for name in ("a", "b")]
     graph = helper.make_graph([helper.make_node("Tanh", ["a"], ["b"])], "warm", put[:1], put[1:])
     opset = helper.make_opsetid("", rules.OPSETS[-1])
     model = helper.make_model(graph, opset_imports=[opset], ir_version=rules.IR_VERSIONS[-1])
-    session = _open(model.SerializeToString())
+    session = _open(model.SerializeToString(), gpu=gpu)
+    if session.get_providers()[0] != providers(gpu=gpu)[0]:
+        raise RuntimeError("onnxruntime cannot compute on the GPU; install onnxruntime-gpu with CUDA and cuDNN")
     session.run(None, {"a": np.zeros((1, 2), np.float32)})
     try:
         session.run(None, {"a": np.zeros((3,), np.float32)})
@@ -85,7 +97,7 @@ def warm_up() -> None:
         runtime_error(error)
 
 
-def _open(content: bytes) -> Any:
+def _open(content: bytes, *, gpu: bool) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1  # so that the same observation gives the same action
     options.inter_op_num_threads = 1
@@ -94,7 +106,7 @@ def _open(content: bytes) -> Any:
     options.enable_cpu_mem_arena = False  # an arena keeps and rounds up what it takes; the limit counts all of it
     options.log_severity_level = 4
     options.add_session_config_entry("session.load_model_format", "ONNX")
-    return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    return onnxruntime.InferenceSession(content, options, providers=providers(gpu=gpu))
 
 
 def _info(put: Any) -> TensorInfo:

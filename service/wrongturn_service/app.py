@@ -24,7 +24,7 @@ from wrongturn_service.service import run_service
 from wrongturn_service.settings import Settings
 from wrongturn_service.simulators.pool import SimulatorPool
 from wrongturn_service.socket import session
-from wrongturn_service.submissions.runners import COMMAND
+from wrongturn_service.submissions.local_runners import COMMAND
 from wrongturn_service.telemetry import Telemetry
 from wrongturn_service.web import agents as agent_pages
 from wrongturn_service.web import compare, front, page, rest

@@ -170,12 +170,14 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
         yield "simulators", False, str(error), "lower WRONGTURN_SIMULATORS or add memory"
     from wrongturn_sandbox import SandboxUnavailableError, probe  # noqa: PLC0415
     from wrongturn_service.submissions.availability import TURNED_OFF  # noqa: PLC0415
+    from wrongturn_service.submissions.ray_sandboxes import probe_nodes  # noqa: PLC0415
 
     if settings.submissions == 0:
         yield "submissions", True, f"off: {TURNED_OFF}", ""
         return
     try:
-        yield "submissions", True, f"on: {probe(settings.runner_socket)}", ""
+        on_ray = settings.runners == "ray"
+        yield "submissions", True, f"on: {probe_nodes(settings) if on_ray else probe(settings.runner_socket)}", ""
     except SandboxUnavailableError as error:
         remedy = "without a sandbox the service refuses submissions; WRONGTURN_SUBMISSIONS=0 turns them off"
         yield "submissions", False, str(error), remedy

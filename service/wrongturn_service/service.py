@@ -27,7 +27,7 @@ from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.idempotency import Idempotency
 from wrongturn_service.registration import Registrations
 from wrongturn_service.replays import Replays
-from wrongturn_service.settings import Settings
+from wrongturn_service.settings import Place, Settings
 from wrongturn_service.simulators.interface import SimulatorStartError
 from wrongturn_service.simulators.local_simulator import LocalStarter
 from wrongturn_service.simulators.pool import SimulatorPool
@@ -43,8 +43,11 @@ from wrongturn_service.submissions.availability import Availability
 from wrongturn_service.submissions.dispatcher import Dispatcher
 from wrongturn_service.submissions.files import ModelFiles
 from wrongturn_service.submissions.jobs import JobContext
+from wrongturn_service.submissions.local_runners import COMMAND, LocalRunners
 from wrongturn_service.submissions.operations import Submissions
-from wrongturn_service.submissions.runners import COMMAND
+from wrongturn_service.submissions.ray_runners import RayRunners
+from wrongturn_service.submissions.ray_sandboxes import RaySandboxes
+from wrongturn_service.submissions.runners import Runners
 from wrongturn_service.submissions.upload import Uploads
 from wrongturn_service.telemetry import Telemetry
 
@@ -130,7 +133,12 @@ class Service:
         self.uploads = Uploads(
             files, limit=settings.model_limit, patience_s=settings.slow_client_s, each=settings.submissions_per_owner
         )
-        self.availability = Availability(settings)
+        self.sandboxes: RaySandboxes | None = None
+        runners: Runners = LocalRunners(runner)
+        if programs is not None and settings.runners is Place.RAY:
+            self.sandboxes = RaySandboxes(programs, settings)
+            runners = RayRunners(programs, self.sandboxes, settings, runner)
+        self.availability = Availability(settings, None if self.sandboxes is None else self.sandboxes.look)
         self.dispatcher = Dispatcher(
             JobContext(
                 settings,
@@ -140,9 +148,11 @@ class Service:
                 self.evaluations,
                 self.availability,
                 telemetry,
-                runner,
+                runners,
             )
         )
+        if self.sandboxes is not None:
+            self.sandboxes.changed = self.dispatcher.wake
         self.administration = Administration(
             AdministrationStore(database),
             self.accounts,
@@ -159,13 +169,21 @@ class Service:
             return UnavailableError(ProblemType.SHUTTING_DOWN, "the service is stopping")
         if self.pool.failure is not None and not self.pool.running:
             return UnavailableError(ProblemType.SIMULATOR_FAILED, "no simulator could be started", retry_after_s=30)
-        if self.programs is not None and self.programs.trouble is not None and not self.pool.idle:
+        lost = self.settings.on_ray and self.programs is not None and self.programs.trouble is not None
+        if lost and not self.pool.idle:
             detail = "the Ray cluster, which runs the simulators, cannot be reached; the service tries again"
             return UnavailableError(ProblemType.SIMULATOR_FAILED, detail, retry_after_s=5)
         if self.store.trouble is not None:
             detail = f"the database fails: {self.store.trouble}"
             return UnavailableError(ProblemType.STORAGE_FAILED, detail, retry_after_s=5)
         return None
+
+    def cluster_changed(self) -> None:
+        """Take over what the cluster's nodes are now."""
+        if self.settings.on_ray and self.programs is not None:
+            self.pool.resize(min(slots(self.programs.nodes), self.settings.most_simulators))
+        if self.sandboxes is not None:
+            self.sandboxes.wake()
 
     def watch(self) -> None:
         """Add the gauges whose values are read when metrics are collected."""
@@ -189,7 +207,7 @@ class Service:
             ("simulators_idle", "Simulator processes that are ready and unused", lambda: pool.idle),
             ("simulators_awaited", "Calls that wait for a simulator", lambda: queue.waiting),
             ("sockets", "Connections to /v1/drive", lambda: sockets.open),
-            *(() if self.programs is None else _of_ray(self.programs)),
+            *(() if self.programs is None else _of_ray(self.programs, self.sandboxes)),
         ):
             self.telemetry.gauge(f"wrongturn_{name}", documentation).set_function(read)
 
@@ -277,11 +295,13 @@ async def run_service(
         database = await Database.open(settings.database_url, home=settings.home, telemetry=telemetry)
         stack.push_async_callback(database.close)
         programs = None
-        if settings.on_ray:
+        if settings.uses_ray:
             programs = await stack.enter_async_context(_opened(settings))
-        pool = pool or _pool(settings, telemetry, programs)
+        pool = pool or _pool(settings, telemetry, programs if settings.on_ray else None)
         stack.push_async_callback(pool.stop)
         service = Service(settings, telemetry, database, pool, programs, runner)
+        if programs is not None:
+            programs.changed = service.cluster_changed
         await service.prepare()
         try:
             # The first simulator compiles the kernels; the others find them in the cache.
@@ -318,19 +338,19 @@ async def _opened(settings: Settings) -> AsyncIterator[Programs]:
 def _pool(settings: Settings, telemetry: Telemetry, programs: Programs | None) -> SimulatorPool:
     """Return a pool of simulators on this machine, or on the nodes of a cluster, which come and go."""
     starter = LocalStarter.of(settings) if programs is None else RayStarter(programs, settings)
-    most = settings.most_simulators
-    pool = SimulatorPool(most, starter.start, spare=settings.spare_simulators, on_death=telemetry.deaths.inc)
-    if programs is not None:
-        programs.changed = lambda: pool.resize(min(slots(programs.nodes), most))
-    return pool
+    return SimulatorPool(
+        settings.most_simulators, starter.start, spare=settings.spare_simulators, on_death=telemetry.deaths.inc
+    )
 
 
-def _of_ray(programs: Programs) -> Iterator[tuple[str, str, Callable[[], float]]]:
+def _of_ray(programs: Programs, sandboxes: RaySandboxes | None) -> Iterator[tuple[str, str, Callable[[], float]]]:
     """Yield the gauges of a cluster."""
     yield "ray_connected", "1 if programs can be started on Ray", lambda: float(programs.trouble is None)
     yield "ray_nodes", "Nodes of the Ray cluster that live", lambda: len(programs.nodes)
     yield "ray_cores", "Cores of the Ray cluster", lambda: sum(node.cores for node in programs.nodes)
     yield "ray_connections", "How often the service has connected with Ray", lambda: programs.connections
+    if sandboxes is not None:
+        yield "ray_nodes_with_sandbox", "Nodes of the Ray cluster that drive models", lambda: len(sandboxes.nodes)
 
 
 async def _cancel(task: "asyncio.Task[None]") -> None:

@@ -28,6 +28,13 @@ class Registration(StrEnum):
     OPERATOR = "operator"
 
 
+class Place(StrEnum):
+    """Where runners run."""
+
+    LOCAL = "local"
+    RAY = "ray"
+
+
 class Settings(BaseSettings):
     """The service's settings. ``python lab/settings_page.py`` writes their docstrings into ``docs/settings.md``.
 
@@ -152,6 +159,15 @@ class Settings(BaseSettings):
     runner_socket: Path | None = None
     """Unix socket of a runner container, whose sandboxes run the models. Without it they run under bubblewrap on this
     machine."""
+    runners: Place = Place.LOCAL
+    """Where models are driven: `local` on this machine, `ray` on the nodes of the Ray cluster that have a sandbox. For
+    `ray` the settings of Ray count, wherever simulators run."""
+    runner_url: str | None = None
+    """URL at which runners on Ray's nodes reach this service, such as `http://10.0.0.1:8000`. Default: the address to
+    listen on; for `0.0.0.0`, the address that Ray has for this machine."""
+    runner_gpus: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Share of a GPU that a runner on Ray gets, such as 0.25. With it ONNX Runtime computes on the GPU, and the sandbox
+    lets the model reach the GPU's driver. Outputs may then differ in their last digits."""
     model_limit: Annotated[int, Field(ge=1024, le=1 << 30)] = 128 * 1024 * 1024
     """Largest model in bytes."""
     model_memory: Annotated[int, Field(ge=1 << 28)] = 2 * 1024 * 1024 * 1024
@@ -200,10 +216,29 @@ class Settings(BaseSettings):
             options.server_tls(certificate, key)
         return key
 
+    @field_validator("runners")
+    @classmethod
+    def _with_ray(cls, place: Place) -> Place:
+        if place is Place.RAY:
+            options.require_ray()
+        return place
+
+    @field_validator("runner_gpus")
+    @classmethod
+    def _only_on_ray(cls, share: float, info: ValidationInfo) -> float:
+        if share and info.data.get("runners") is Place.LOCAL:
+            raise ValueError(f"needs runners on Ray; set {PREFIX}RUNNERS to ray, or this to 0")
+        return share
+
     @property
     def on_ray(self) -> bool:
         """Whether simulators run on a Ray cluster."""
         return isinstance(self.simulators, str)
+
+    @property
+    def uses_ray(self) -> bool:
+        """Whether simulators or runners run on a Ray cluster."""
+        return self.on_ray or self.runners is Place.RAY
 
     @property
     def most_simulators(self) -> int:
@@ -227,7 +262,7 @@ class Settings(BaseSettings):
     def _absolute(cls, home: Path) -> Path:
         return home.expanduser().absolute()
 
-    @field_validator("public_url")
+    @field_validator("public_url", "runner_url")
     @classmethod
     def _of_a_service(cls, url: str | None) -> str | None:
         if url is None:

@@ -20,7 +20,7 @@ from typing_extensions import override
 from wrongturn_service.app import create_app
 from wrongturn_service.server import Server, configuration
 from wrongturn_service.settings import Settings
-from wrongturn_service.submissions.runners import COMMAND
+from wrongturn_service.submissions.local_runners import COMMAND
 
 T = TypeVar("T")
 

@@ -18,7 +18,7 @@ from service_harness import expect, metrics, problem
 from submission_owner import Owner, until
 
 from wrongturn_sandbox import SandboxUnavailableError
-from wrongturn_service.submissions import availability, jobs, runners
+from wrongturn_service.submissions import availability, jobs, local_runners
 
 RUNNER = (sys.executable, "-I", "-S", str(Path(__file__).with_name("stand_in_runner.py")))
 EPISODES = 12
@@ -69,7 +69,7 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stage]:
     for name in ("_FIRST_PAUSE_S", "_LONGEST_PAUSE_S", "_LOOK_S"):
         monkeypatch.setattr(jobs, name, 0.01)
     # However slow the machine is, a runner's last word is told from its death.
-    monkeypatch.setattr(runners, "_GRACE_S", 60.0)
+    monkeypatch.setattr(local_runners, "_GRACE_S", 60.0)
     stage = Stage(tmp_path)
     with patch.object(availability, "probe", stage.look):
         try:

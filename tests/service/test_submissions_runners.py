@@ -14,7 +14,8 @@ from guest_processes import gone, wait_until
 
 from wrongturn_protocol import Track
 from wrongturn_runner.messages import CheckJob, Described, Passed, PracticeJob, Progressed, Refused
-from wrongturn_service.submissions.runners import Runner, RunnerLostError, runner
+from wrongturn_service.submissions.local_runners import LocalRunners
+from wrongturn_service.submissions.runners import Runner, RunnerLostError
 
 JOB = CheckJob(model=Path("/models/su_1.onnx"), sha256="0" * 64, memory=1 << 30, tracks=(Track.CAMERA,), url="http://x")
 
@@ -27,7 +28,8 @@ async def program(
     head = "import json, os, signal, sys, time\njob = json.loads(sys.stdin.readline())\n"
     head += "say = lambda **message: print(json.dumps(message), flush=True)\n"
     command = (sys.executable, "-c", head + textwrap.dedent(text))
-    async with runner(JOB, "su_1", command, halt, os.environ if environment is None else environment) as started:
+    runners = LocalRunners(command, os.environ if environment is None else environment)
+    async with runners.start(JOB, "su_1", halt or asyncio.Event()) as started:
         yield started
 
 
@@ -79,7 +81,7 @@ async def test_any_other_end_is_the_infrastructures_fault(text: str, why: str) -
 
 async def test_a_program_that_is_not_there_is_the_infrastructures_fault() -> None:
     with pytest.raises(RunnerLostError, match="could be started"):
-        async with runner(JOB, "su_1", ("/nowhere/wrongturn-runner",)):
+        async with LocalRunners(("/nowhere/wrongturn-runner",)).start(JOB, "su_1", asyncio.Event()):
             raise AssertionError("it was started")
 
 

@@ -6,12 +6,13 @@ Nothing else of the service imports Ray, which ends a process whose cluster is l
 that is not 0, and the service starts another one. Its programs end with it. It ends with stdin, too.
 
 Lines of JSON on stdin:
-    | ``{"do": "start", "id", "command", "environment", "files", "cores", "memory", "gpus"}``; ``files`` has paths
+    | ``{"do": "start", "id", "command", "environment", "files", "cores", "memory", "gpus", "nodes"}``; ``files`` has
+      paths, ``nodes`` the ids of those that may run it, None for all
     | ``{"do": "end", "id"}``
 
 Lines of JSON on stdout:
     | ``{"said": "connected", "address"}``, the address of this machine in the cluster
-    | ``{"said": "nodes", "nodes"}`` whenever they change, each with ``name``, ``cores`` and ``memory``
+    | ``{"said": "nodes", "nodes"}`` whenever they change, each with ``id``, ``name``, ``cores`` and ``memory``
     | ``{"said": "trouble", "why"}``
     | ``{"said": "ended", "id", "status", "words", "node", "why"}``
 """
@@ -94,11 +95,13 @@ class Driver:
         cores: float,
         memory: int,
         gpus: float,
+        nodes: list[str] | None,
     ) -> None:
         from wrongturn_service.cluster.node import versions  # noqa: PLC0415
 
         try:
-            task = _task().options(num_cpus=cores, memory=memory or None, num_gpus=gpus)
+            where = None if nodes is None else {"ray.io/node-id": f"in({','.join(nodes)})"}
+            task = _task().options(num_cpus=cores, memory=memory or None, num_gpus=gpus, label_selector=where)
             contents = {name: await asyncio.to_thread(Path(path).read_bytes) for name, path in files.items()}
             self._refs[id] = ref = task.remote(command, environment, contents, versions())
             end = await ref
@@ -150,6 +153,7 @@ def nodes() -> Any:
     return sorted(
         (
             {
+                "id": node["NodeID"],
                 "name": f"{node['NodeManagerHostname']} ({node['NodeManagerAddress']}, {node['NodeID'][:8]})",
                 "cores": node["Resources"].get("CPU", 0.0),
                 "memory": int(node["Resources"].get("memory", 0)),

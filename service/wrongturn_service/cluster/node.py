@@ -43,7 +43,8 @@ def run(
 ) -> dict[str, Any]:
     """Run a program until it ends; return its status, its last words and the node's name.
 
-    ``command`` are the arguments of Python. The program runs in a folder of its own, which holds the ``files``.
+    ``command`` are the arguments of Python. The program runs in a folder of its own, which holds the ``files``; so can
+    its children that inherit its descriptors.
     ``environment`` is added to that of the node. ``why`` says why it was not started: the node has other versions than
     ``wanted``.
     """
@@ -52,9 +53,14 @@ def run(
         has, wants = (", ".join(f"{name} {number}" for name, number in each.items()) for each in (found, wanted))
         why = f"node {node} has {has}, but the service {wants}; install the same versions on all nodes"
         return {"status": None, "words": "", "node": node, "why": why}
-    with tempfile.TemporaryDirectory(prefix="wrongturn-", ignore_cleanup_errors=True) as folder:
-        for name, content in files.items():
-            Path(folder, name).write_bytes(content)
+    with contextlib.ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="wrongturn-", ignore_cleanup_errors=True))
+        # A file has no name on the disk, so nothing is left of a stranger's model when this process is killed.
+        held = [stack.enter_context(tempfile.TemporaryFile()) for _ in files]
+        for file, (name, content) in zip(held, files.items(), strict=True):
+            file.write(content)
+            file.flush()
+            Path(folder, name).symlink_to(f"/proc/self/fd/{file.fileno()}")
         process = subprocess.Popen(  # noqa: S603 - a program of ours
             [sys.executable, "-I", "-S", "-c", _LAUNCH, str(os.getpid()), sys.executable, *command],
             cwd=folder,
@@ -62,6 +68,7 @@ def run(
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
+            pass_fds=[file.fileno() for file in held],
             start_new_session=True,
         )
         assert process.stdout is not None

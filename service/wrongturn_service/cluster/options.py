@@ -21,9 +21,14 @@ def simulators(given: int | str) -> int | str:
         raise ValueError(f"is {str(given)!r}; give a number from 1 to {MOST}, 'ray', or 'ray:' and a number")
     if not where:
         return count
+    require_ray()
+    return given
+
+
+def require_ray() -> None:
+    """Raise ValueError if Ray is not installed."""
     if find_spec("ray") is None:
         raise ValueError("needs Ray, which is not installed; pip install 'wrongturn-service[ray]'")
-    return given
 
 
 def most(simulators: int | str) -> int:

@@ -5,7 +5,7 @@ import contextlib
 import json
 import sys
 import uuid
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -43,6 +43,8 @@ class Resources:
 class Node:
     """A node of the cluster that lives."""
 
+    id: str
+    """Another one each time that its machine joins."""
     name: str
     cores: float
     memory: int
@@ -146,11 +148,13 @@ class Programs:
         resources: Resources,
         environment: Mapping[str, str] | None = None,
         files: Mapping[str, Path] | None = None,
+        nodes: Iterable[str] | None = None,
     ) -> AsyncIterator[tuple[Program, Expected]]:
         """Start a program that connects with this service, and expect it until the block ends.
 
         ``command`` are arguments of the node's Python; ``{service}`` in one becomes the address to connect with.
         ``protocol`` makes what speaks with the program. The program has the ``files`` in the folder that it runs in.
+        ``nodes`` are the ids of those that may run it; None are all.
         """
         with self._listener.expect(protocol) as expected:
             name = uuid.uuid4().hex
@@ -170,6 +174,7 @@ class Programs:
                     cores=resources.cores,
                     memory=resources.memory,
                     gpus=resources.gpus,
+                    nodes=None if nodes is None else list(nodes),
                 )
             yield program, expected
 

@@ -13,7 +13,7 @@ from wrongturn_service.settings import Settings
 from wrongturn_service.simulators.interface import SimulatorDiedError, SimulatorStartError
 from wrongturn_service.simulators.simulator import Simulator
 
-RESOURCES: Final = Resources(cores=0.2, memory=SIMULATOR_MEMORY)
+RESOURCES: Final = Resources(cores=0.15, memory=SIMULATOR_MEMORY)
 """A little less than each of four simulators has of a core, so that a node has room for spare ones and runners."""
 _LAST_WORDS_S: Final = 2.0
 """Seconds in which Ray tells how a program has ended that closed its connection."""

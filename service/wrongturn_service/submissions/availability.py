@@ -1,4 +1,4 @@
-"""Whether submissions can be driven here: it needs sandboxes, by bubblewrap or in a runner container."""
+"""Whether submissions can be driven: it needs sandboxes, by bubblewrap or in a runner container, here or on Ray."""
 
 import asyncio
 import time
@@ -11,7 +11,7 @@ import structlog
 from wrongturn_protocol import ProblemType
 from wrongturn_sandbox import SandboxUnavailableError, probe
 from wrongturn_service.errors import UnavailableError
-from wrongturn_service.settings import Settings
+from wrongturn_service.settings import Place, Settings
 
 LOOK_S: Final = 30.0
 """Seconds between two looks at sandboxes that may come and go."""
@@ -28,7 +28,8 @@ class Availability:
     def __init__(self, settings: Settings, look: Callable[[], str] | None = None) -> None:
         """Know nothing yet. ``look`` takes the place of :func:`wrongturn_sandbox.probe`."""
         self._off = settings.submissions == 0
-        self._comes_and_goes = settings.runner_socket is not None
+        self._comes_and_goes = settings.runner_socket is not None or settings.runners is Place.RAY
+        self._look_s = LOOK_S if settings.runners is Place.LOCAL else 0.0  # what nodes have answered is known already
         self._look = look or partial(probe, settings.runner_socket)
         self._under_way: asyncio.Task[str] | None = None
         self._looked: float | None = None
@@ -79,7 +80,7 @@ class Availability:
 
     async def look_if_due(self) -> None:
         """Look again if there were no sandboxes, or if they can go, every :data:`LOOK_S`."""
-        due = self._looked is None or time.monotonic() - self._looked >= LOOK_S
+        due = self._looked is None or time.monotonic() - self._looked >= self._look_s
         if due and (self._comes_and_goes or not self.on):
             await self.look()
 

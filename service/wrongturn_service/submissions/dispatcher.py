@@ -55,16 +55,21 @@ class Dispatcher:
         self._drives = JobPool(context.settings.submissions, Drive)
         self._stopping = False
         self._changed = asyncio.Event()
-        context.submissions.changed = self._changed.set
+        context.submissions.changed = self.wake
         self._loop: asyncio.Task[None] | None = None
         self._log = structlog.get_logger("submissions")
 
     async def open(self, url: str) -> None:
         """Begin to check and drive. Call it once the service listens, with the URL at which runners reach it."""
         self._context.url = url
+        self._context.runners.open(url)
         self._drives.served = await self._submissions.rows.last_served()
         await self._context.availability.look()
         self._loop = asyncio.create_task(self._run())
+
+    def wake(self) -> None:
+        """Look at the line and for sandboxes now."""
+        self._changed.set()
 
     async def stop(self) -> None:
         """End all runners. Their submissions wait in the database for the next start. Safe to call more than once."""
@@ -81,6 +86,7 @@ class Dispatcher:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
         self._loop = None
+        await self._context.runners.close()
 
     async def positions(self) -> dict[str, int]:
         """Return for each waiting submission how many are driven before it, if no other one arrives."""

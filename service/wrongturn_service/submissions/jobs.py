@@ -4,7 +4,7 @@ import abc
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
@@ -23,7 +23,7 @@ from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.submissions import SubmissionOverError, SuiteBegunError
 from wrongturn_service.submissions.availability import Availability
 from wrongturn_service.submissions.operations import NO_MODEL, OverError, RefusedError, Submissions
-from wrongturn_service.submissions.runners import HaltedError, NoRoomError, Runner, RunnerLostError, runner
+from wrongturn_service.submissions.runners import HaltedError, NoRoomError, Runner, RunnerLostError, Runners
 from wrongturn_service.telemetry import Telemetry
 
 ATTEMPTS: Final = 5
@@ -56,8 +56,7 @@ class JobContext:
     evaluations: RunningEvaluations
     availability: Availability
     telemetry: Telemetry
-    command: Sequence[str]
-    """Program of a runner."""
+    runners: Runners
     url: str = ""
     """Where runners reach the service, once it listens."""
 
@@ -120,7 +119,7 @@ class Job(abc.ABC):
     async def _runner(self, job: messages.Job) -> AsyncIterator[Runner]:
         """Start a runner, and end it with all that it began. Raises RunnerLostError."""
         try:
-            async with runner(job, self.row.id, self._context.command, self.halt) as process:
+            async with self._context.runners.start(job, self.row.id, self.halt) as process:
                 yield process
         finally:
             await self._runner_gone(_PATIENCE_S)
@@ -138,7 +137,8 @@ class Job(abc.ABC):
             raise OverError(self.row.id)
         self._model()
         if isinstance(lost, NoRoomError):
-            await self._tell("All sandboxes are taken. It continues when a sandbox is free.", again=False)
+            why = str(lost)
+            await self._tell(f"{why[0].upper()}{why[1:]}. It continues when a sandbox is free.", again=False)
             await self.pause(_LONGEST_PAUSE_S)
             return attempts
         self._context.telemetry.runners_lost.inc()

@@ -1,0 +1,116 @@
+"""Models that are driven on the nodes of a Ray cluster: hostile ones are stopped, and only sandboxes run any."""
+
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+import small_models
+from corpus import CORPUS, Case
+from service_harness import OPERATOR, RunningService, await_that, expect, figure
+from submission_owner import Owner
+from test_submissions_real import SOME, outcome
+
+from wrongturn_sandbox import SandboxUnavailableError, bubblewrap, gpu
+from wrongturn_sandbox.session import providers
+from wrongturn_service.settings import Settings
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+
+from ray_nodes import Nodes
+
+pytestmark = pytest.mark.slow
+EPISODES = 12
+
+
+class Mixed(Nodes):
+    """A cluster whose second worker has no bubblewrap."""
+
+    def _start(self, number: int) -> None:
+        self.environment.pop("PATH", None)
+        if number == 2:
+            self.environment["PATH"] = str(Path(sys.executable).parent)
+        super()._start(number)
+
+    def programs(self, number: int, name: str) -> list[psutil.Process]:
+        return self._named(number, name)
+
+
+@pytest.fixture(scope="module")
+def nodes(bubblewrap: None) -> Iterator[Mixed]:
+    with pytest.MonkeyPatch.context() as patch, Mixed() as nodes:
+        for name, value in nodes.environment.items():
+            patch.setenv(name, value)
+        yield nodes
+
+
+@pytest.fixture(scope="module")
+def serving(nodes: Mixed, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
+    folder = tmp_path_factory.mktemp("ray")
+    given = {"ray_address": nodes.address, "ray_listen": "127.0.0.1:0", "operator_token": OPERATOR}
+    running = RunningService(
+        folder / "w.db", simulators=2, submissions=1, submissions_per_owner=200, runners="ray", **given
+    )
+    assert running.ready, running.stderr
+    await_that(lambda: figure(running, "wrongturn_ray_nodes") == 3, "the cluster is not complete")
+    yield running
+    assert running.stop() == 0, running.stderr
+    assert '"level": "error"' not in running.stderr, running.stderr
+    await_that(lambda: not nodes.programs(1, "wrongturn_runner"), "runners outlive their service")
+
+
+@pytest.fixture
+def owner(serving: RunningService) -> Iterator[Owner]:
+    owner = Owner(serving.url)
+    yield owner
+    owner.close()
+
+
+def test_a_node_without_a_sandbox_drives_nothing_and_the_service_says_so(serving: RunningService, owner: Owner) -> None:
+    def told() -> str:
+        return str(expect(owner.http.get("/health/ready"), 200)["submissions"])
+
+    # The head has a sandbox too, but no processor for a runner.
+    await_that(lambda: told().startswith("on: 2 of 3 nodes on Ray: bubblewrap"), told())
+    await_that(lambda: "bubblewrap is missing" in told(), told())
+    assert "a node drives no models" in serving.stderr
+    assert figure(serving, "wrongturn_ray_nodes_with_sandbox") == 2
+
+
+@pytest.mark.parametrize("case", [case for case in CORPUS if case.name in SOME], ids=lambda case: case.name)
+def test_hostile_uploads_fail_with_their_reasons(owner: Owner, tmp_path: Path, case: Case) -> None:
+    assert case.words.lower() in outcome(owner, case, tmp_path).lower()
+
+
+def test_a_runner_that_is_killed_is_replaced_and_each_trial_is_driven_once(nodes: Mixed, owner: Owner) -> None:
+    submission = owner.hand_in(small_models.steady())
+    await_that(lambda: owner.get(submission).get("finished", 0) >= 2, "it does not drive")
+    assert nodes.programs(2, "wrongturn_runner") == []
+    killed = nodes.programs(1, "wrongturn_runner")
+    assert nodes.kill_one(killed)
+    found = owner.until(submission, "finished")
+    episodes = expect(owner.http.get(f"/v1/evaluations/{found['evaluation']}/episodes"), 200)["episodes"]
+    trials = [episode["trial"] for episode in episodes if episode["state"] == "finished"]
+    assert len(trials) == len(set(trials)) == EPISODES
+    assert any("A runner was lost: the runner on Ray" in line for line in owner.log(submission))
+    await_that(lambda: not nodes.programs(1, "wrongturn_runner"), "a runner is left")
+
+
+def test_a_gpu_is_asked_for_and_never_there_by_default(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert providers(gpu=False) == ["CPUExecutionProvider"]
+    assert providers(gpu=True)[0] == "CUDAExecutionProvider"
+    plain = bubblewrap.command([])
+    assert not any("nvidia" in word or "--dev-bind" in word for word in plain)
+    with pytest.raises(SandboxUnavailableError, match=r"no .*/nvidia"):
+        gpu.devices(tmp_path)
+    monkeypatch.setattr(bubblewrap, "devices", lambda: [Path("/dev/nvidia0")])
+    monkeypatch.setattr(bubblewrap, "driver_libraries", lambda: [Path("/x/libcuda.so.1")])
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "3")
+    line = " ".join(bubblewrap.command([], gpu=True))
+    for part in ("--dev-bind /dev/nvidia0", "/x/libcuda.so.1 /libraries/libcuda.so.1", "CUDA_VISIBLE_DEVICES 3"):
+        assert part in line
+    with pytest.raises(ValueError, match="needs runners on Ray"):
+        Settings(runner_gpus=0.5)
+    assert os.environ.get("WRONGTURN_RUNNER_GPUS") is None
