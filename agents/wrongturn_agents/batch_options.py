@@ -70,9 +70,10 @@ def drive_batch(options: RunOptions, batch: BatchOptions) -> None:
     file = None if aside else options.json_file
     run = BatchRun(agents, suite, draws=batch.draws or 1, task=batch.task, shard=shard, file=file)
     name = agents[0].source.name if len(agents) == 1 else f"{len(agents)} agents"
+    drivers = workers(batch.workers)
     try:
         with show_progress(options.progress, name) as update:
-            run.drive(workers(batch.workers), update)
+            run.drive(drivers, update)
     except BaseException:
         if file is not None:
             typer.echo(f"Not finished. The same command goes on with what {file} has.", err=True)

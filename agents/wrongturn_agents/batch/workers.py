@@ -101,7 +101,7 @@ class RayWorkers:
             os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
             try:
                 self._ray.init(include_dashboard=False, logging_level="warning", log_to_driver=False)
-            except (ConnectionError, RuntimeError, ValueError) as error:
+            except Exception as error:  # Ray raises many classes, and plain ones if a node starts too slowly
                 raise RunError(f"--ray: {_line(error)}; look at RAY_ADDRESS, or unset it") from error
 
     @property
