@@ -14,6 +14,7 @@ Lines of JSON on stdout:
     | ``{"said": "connected", "address"}``, the address of this machine in the cluster
     | ``{"said": "nodes", "nodes"}`` whenever they change, each with ``id``, ``name``, ``cores`` and ``memory``
     | ``{"said": "trouble", "why"}``
+    | ``{"said": "alive"}`` every few seconds
     | ``{"said": "ended", "id", "status", "words", "node", "why"}``
 """
 
@@ -25,6 +26,7 @@ import logging
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any, Final
 
@@ -83,8 +85,9 @@ class Driver:
         import ray  # noqa: PLC0415
 
         if name in self._refs:
-            # By force: what waits for a process does not notice anything else.
-            ray.cancel(self._refs[name], force=True)
+            # By force: what waits for a process does not notice anything else. In a thread: without a head it may hang.
+            cancel = functools.partial(ray.cancel, self._refs[name], force=True)
+            threading.Thread(target=cancel, daemon=True).start()
 
     async def _run(
         self,
@@ -125,7 +128,9 @@ class Driver:
                 replaced += await listens(self._head)
             else:
                 replaced = 0
-            if news != told:
+            if news == told:
+                self.say("alive")
+            else:
                 self.say("trouble", why=news) if isinstance(news, str) else self.say("nodes", nodes=news)
             told = news
             if replaced == _REPLACED:

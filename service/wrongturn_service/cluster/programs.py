@@ -25,6 +25,8 @@ _PASSED_ON: Final = ("RAY_TMPDIR", "RAY_AUTH_MODE", "RAY_AUTH_TOKEN", "RAY_AUTH_
 _TLS: Final = ("RAY_TLS_SERVER_CERT", "RAY_TLS_SERVER_KEY", "RAY_TLS_CA_CERT")
 _AGAIN_S: Final = 2.0
 """Seconds until a driver that has ended is started again."""
+_CONNECT_S, _SILENT_S = 180.0, 30.0
+"""Seconds in which a driver has to connect, and then to say its next word."""
 _GRACE_S: Final = 5.0
 """Seconds that a driver gets to end by itself."""
 
@@ -207,8 +209,13 @@ class Programs:
         assert driver.stdout is not None
         failure = None
         try:
-            while line := await driver.stdout.readline():
+            patience_s = _CONNECT_S
+            while line := await asyncio.wait_for(driver.stdout.readline(), patience_s):
                 failure = self._hear(json.loads(line)) or failure
+                patience_s = _SILENT_S
+        except TimeoutError:  # Ray has calls that hang for ever
+            failure = "Ray's driver is silent"
+            driver.kill()
         finally:
             self._driver = None
             driver.stdin.close()
@@ -238,7 +245,7 @@ class Programs:
         elif said == "trouble":
             self._state(message["why"])
             return str(message["why"])
-        elif (program := self._programs.pop(message["id"], None)) is not None:
+        elif said == "ended" and (program := self._programs.pop(message["id"], None)) is not None:
             program.ended.set_result(
                 End(
                     message["status"],
