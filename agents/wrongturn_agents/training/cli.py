@@ -4,7 +4,7 @@ import os
 import time
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -15,15 +15,21 @@ from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give
 _Threads = Annotated[
     int | None, typer.Option(min=1, help="Threads of simulation and torch; all cores by default. Example: --threads 2")
 ]
-_ALGORITHM = f"Algorithm: {', '.join(sorted(entry_points(group='wrongturn.methods').names))}. Example: ppo-image"
+_ALGORITHM = (
+    f"Algorithms: {', '.join(sorted(entry_points(group='wrongturn.methods').names))}. Several train side by side. "
+    "Example: ppo-image"
+)
 _Device = Annotated[str, typer.Option(help="Device: cpu, cuda or auto. Example: --device cpu")]
 
 
 def train(
-    algorithm: Annotated[str, typer.Argument(help=_ALGORITHM)],
+    algorithm: Annotated[list[str], typer.Argument(help=_ALGORITHM)],
     seed: Annotated[
         int | None,
         typer.Option(help="Seed of weights, drives and actions; 1 by default. Example: --seed 3", show_default=False),
+    ] = None,
+    seeds: Annotated[
+        str | None, typer.Option(help="Seeds of runs that are trained side by side. Example: --seeds 1-5")
     ] = None,
     steps: Annotated[
         int | None,
@@ -37,9 +43,14 @@ def train(
     device: _Device = "auto",
     directory: Annotated[
         Path | None,
-        typer.Option(help="Run's directory; runs/ALGORITHM-SEED by default. Example: --directory runs/first"),
+        typer.Option(
+            help="Run's directory; runs/ALGORITHM-SEED by default. Runs side by side have theirs in it. "
+            "Example: --directory runs/first"
+        ),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue the run in the directory.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue the run in the directory, or all runs that have not finished.")
+    ] = False,
     teacher: Annotated[
         Path | None,
         typer.Option(
@@ -49,42 +60,98 @@ def train(
     num_envs: Annotated[
         int | None, typer.Option(min=1, help="Number of cars that drive side by side. Example: --num-envs 8")
     ] = None,
-    threads: _Threads = None,
+    threads: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Threads of simulation and torch, of each run; by default all cores together. Example: --threads 2",
+        ),
+    ] = None,
     option: Annotated[
-        list[str] | None, typer.Option(help="A setting of the algorithm. Example: --option gamma=0.98")
+        list[str] | None,
+        typer.Option(
+            help="A setting of the algorithm, or of one of several. "
+            "Example: --option gamma=0.98 --option ppo-image.waiters=0.5"
+        ),
+    ] = None,
+    ray: Annotated[
+        bool,
+        typer.Option(
+            "--ray", help="Train on the nodes of a Ray cluster: that of RAY_ADDRESS, or of this machine. Example: --ray"
+        ),
+    ] = False,
+    gpus: Annotated[
+        float | None, typer.Option(min=0, help="With --ray: GPUs of each run, or a share of one. Example: --gpus 0.2")
     ] = None,
 ) -> None:
-    """Train an agent by a shipped or installed method: overnight on a laptop, in minutes on a GPU.
+    """Train agents by a shipped or installed method: overnight on a laptop, in minutes on a GPU.
 
-    Example: wrongturn train doubting-segmentation --minutes 10
+    Example: wrongturn train ppo-image --seeds 1-5 --minutes 20
     """
     require_extra()
+    limits: dict[str, Any] = {
+        "steps": steps,
+        "minutes": minutes,
+        "device": device,
+        "resume": resume,
+        "threads": threads,
+    }
+    options = [*(option or []), *_as_options(algorithm, num_envs=num_envs, teacher=teacher)]
+    if len(algorithm) > 1 or seeds is not None or ray:
+        _train_several(algorithm, seed, seeds, directory or Path("runs"), options, ray, gpus, limits)
+    elif gpus is not None:
+        raise TrainingError("--gpus: is for --ray; leave it out")
+    else:
+        _train_one(algorithm[0], seed, directory, options, limits)
+
+
+def _as_options(algorithms: list[str], **fields: Any) -> list[str]:
     from wrongturn_agents.training.method import find_method  # noqa: PLC0415
+
+    given = {name: value for name, value in fields.items() if value is not None}
+    for algorithm in algorithms:
+        settings = find_method(algorithm).settings()
+        for name in given:
+            if not hasattr(settings, name):
+                raise TrainingError(f"--{name.replace('_', '-')}: {algorithm} has no use for it; leave it out")
+    return [f"{name}={value}" for name, value in given.items()]
+
+
+def _train_one(
+    algorithm: str, seed: int | None, directory: Path | None, options: list[str], limits: dict[str, Any]
+) -> None:
     from wrongturn_agents.training.progress import Display  # noqa: PLC0415
     from wrongturn_agents.training.run import train as run  # noqa: PLC0415
 
-    settings = find_method(algorithm).settings()
-    options = list(option or [])
-    for field, given in (("num_envs", num_envs), ("teacher", teacher)):
-        if given is not None and not hasattr(settings, field):
-            raise TrainingError(f"--{field.replace('_', '-')}: {algorithm} has no use for it; leave it out")
-        if given is not None:
-            options.append(f"{field}={given}")
     with Display(algorithm) as display:
         best = run(
             algorithm,
             directory=directory or Path("runs") / f"{algorithm}-{1 if seed is None else seed}",
             seed=seed,
-            steps=steps,
-            minutes=minutes,
-            device=device,
-            resume=resume,
-            threads=threads,
             options=options,
             on_row=display.row,
             on_note=display.note,
+            **limits,
         )
     typer.echo(f"The best is {best}.")
+
+
+def _train_several(
+    algorithms: list[str],
+    seed: int | None,
+    seeds: str | None,
+    directory: Path,
+    options: list[str],
+    ray: bool,
+    gpus: float | None,
+    limits: dict[str, Any],
+) -> None:
+    from wrongturn_agents.training.side_by_side import seeds_of, side_by_side  # noqa: PLC0415
+
+    if seed is not None and seeds is not None:
+        raise TrainingError("--seeds: --seed is given too; leave one of them out")
+    numbers = [1 if seed is None else seed] if seeds is None else seeds_of(seeds)
+    side_by_side(algorithms, numbers, directory=directory, options=options, ray=ray, gpus=gpus, **limits)
 
 
 def score(

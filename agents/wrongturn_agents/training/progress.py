@@ -111,4 +111,5 @@ class Display:
                 self._bar.console.print(text, highlight=False)
         elif keep or time.monotonic() - self._told_at >= _EVERY:
             self._told_at = time.monotonic()
-            print(f"{self._title}: {text}", flush=True)
+            share = "" if done is None else f"{done:.0%}, "
+            print(f"{self._title}: {share}{text}", flush=True)

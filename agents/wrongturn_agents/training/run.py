@@ -31,14 +31,24 @@ from wrongturn_agents.training.held_out import (
     shortest,
     with_traffic,
 )
+from wrongturn_agents.training.job import STATE
 from wrongturn_agents.training.method import Method, find_method
 from wrongturn_agents.training.progress import ProgressFile, Row
-from wrongturn_agents.training.run_directory import BEST, ENCODER, LAST, STATE, Begun, check_resumed, held, read_state
+from wrongturn_agents.training.run_directory import (
+    BEST,
+    ENCODER,
+    LAST,
+    Begun,
+    check_resumed,
+    check_seed,
+    held,
+    read_state,
+)
+from wrongturn_agents.training.stopping import Stop
 from wrongturn_agents.training.world import MEETING, held_out_towns
 from wrongturn_networks import Town
 from wrongturn_sim import FleetTraffic
 
-_SEEDS: Final = 2**32
 _EPISODES: Final = 100
 """Drives over which the training reward is averaged."""
 _LATE: Final = 0.93
@@ -65,7 +75,8 @@ def train(
 
     The directory then holds ``best.pt``, ``state.pt`` (to resume from), ``progress.csv``, ``config.json``,
     ``tensorboard/`` and what else the method leaves. A resumed run continues with its weights, optimiser, random state,
-    schedule and steps, and with new drives.
+    schedule and steps, and with new drives. Ctrl-C and SIGTERM end a run after its next row: it saves, and raises
+    KeyboardInterrupt.
 
     Args:
         algorithm: name of a method.
@@ -86,15 +97,14 @@ def train(
     method, folder, options = find_method(algorithm), Path(directory), tuple(options)
     settings = method.settings().with_options(options)
     if resume:
-        begun = Begun.read(folder, method)
+        begun = replace(Begun.read(folder, method), finished=False)
         check_resumed(options, seed, begun.seed)
         if steps is not None or minutes is not None:  # to train for longer
             begun = replace(begun, steps=steps, minutes=minutes)
     else:
         limit = settings.length if steps is None and minutes is None else steps
         begun = Begun(settings, 1 if seed is None else seed, limit, minutes)
-    if not 0 <= begun.seed < _SEEDS:
-        raise TrainingError(f"seed: is {seed}; give a whole number from 0 to {_SEEDS - 1}")
+    check_seed(begun.seed)
     check_threads(threads)
     Budget(begun.steps, begun.minutes)  # reports invalid limits before a directory is made
     place = device_of(device)
@@ -106,7 +116,9 @@ def train(
         run = Run(method, begun, folder, place, prepare(place, threads), budget)
         run.given, run.state, run.on_row, run.on_note = given, state, on_row, on_note
         torch.manual_seed(run.seed)
-        method.learn(run)
+        with run.stop.listening():
+            method.learn(run)
+        replace(begun, finished=True).write(folder, place)
     return folder / BEST
 
 
@@ -138,6 +150,7 @@ class Run:
         self.on_row: Callable[[Row], None] = lambda _: None
         self.on_note: Callable[[str], None] = lambda _: None
         self.last: Evaluation | None = None
+        self.stop = Stop()
         self.logger = Logger(str(folder), [TensorBoardOutputFormat(str(folder / "tensorboard"))])
         self._verdicts: Counter[str] = Counter()
         self._recent: deque[tuple[float, int]] = deque(maxlen=_EPISODES)
@@ -161,6 +174,7 @@ class Run:
         """
         self._part = part
         self.budget.begun = self.state["begun"] if self.state else self.budget.used
+        self.stop.armed = True
         self._rows = ProgressFile(self.folder / file, self.method.columns, resumed_at=steps if self.state else None)
         self._row_at, self._saved_at, self._shown_at = steps, self.budget.used, self.budget.used
 
@@ -241,14 +255,15 @@ class Run:
         )  # fmt: skip
 
     def save_state(self, **state: Any) -> None:
-        """Write what :attr:`state` is when the run is resumed."""
+        """Write what :attr:`state` is when the run is resumed. If someone stopped the run, it ends here."""
         self._saved_at = self.budget.used
         write(self.folder / STATE, {**state, "seconds": self.budget.used, "begun": self.budget.begun})
+        self.stop.saved()
 
     @property
     def save_due(self) -> bool:
         """Whether it is time to save."""
-        return self.budget.used - self._saved_at > 60.0 * float(self.settings.save_every)
+        return self.stop.asked or self.budget.used - self._saved_at > 60.0 * float(self.settings.save_every)
 
     @contextmanager
     def restoring(self) -> Iterator[dict[str, Any]]:

@@ -6,7 +6,7 @@ import os
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,14 +14,15 @@ import torch
 
 from wrongturn_agents.training.checkpoint import read, versions
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.job import STATE
 from wrongturn_agents.training.method import Method
 from wrongturn_agents.training.settings import Settings
 
 CONFIG: Final = "config.json"
-STATE: Final = "state.pt"
 BEST: Final = "best.pt"
 LAST: Final = "last.pt"
 ENCODER: Final = "encoder.pt"
+_SEEDS: Final = 2**32
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class Begun:
     seed: int
     steps: int | None
     minutes: float | None
+    finished: bool = False
+    """Whether the run came to its end."""
 
     def write(self, folder: Path, device: torch.device) -> None:
         """Write ``config.json``."""
@@ -41,6 +44,7 @@ class Begun:
             "seed": self.seed,
             "steps": self.steps,
             "minutes": self.minutes,
+            "finished": self.finished,
             "config": self.settings.as_dict(),
             "device": torch.cuda.get_device_name() if device.type == "cuda" else "cpu",
             "versions": versions(),
@@ -71,7 +75,8 @@ class Begun:
                 "name another directory"
             )
         try:
-            return cls(method.settings.of(fields), *rest)
+            begun = cls(method.settings.of(fields), *rest)
+            return replace(begun, finished=content.get("finished") is True)
         except TrainingError as error:
             raise TrainingError(f"directory {folder}: {CONFIG}: {error}") from error
 
@@ -83,7 +88,7 @@ def held(folder: Path, *, resume: bool) -> Iterator[None]:
     A run that has saved nothing cannot continue, so another run may start in its place.
     """
     if not resume:
-        _refuse_to_lose(folder)
+        refuse_to_lose(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -103,7 +108,8 @@ def held(folder: Path, *, resume: bool) -> Iterator[None]:
         os.close(directory)
 
 
-def _refuse_to_lose(folder: Path) -> None:
+def refuse_to_lose(folder: Path) -> None:
+    """Check that a run can begin in a directory without overwriting another."""
     try:
         there = {path.name for path in folder.iterdir()} if folder.exists() else set()
     except OSError as error:
@@ -132,6 +138,12 @@ def read_state(folder: Path) -> dict[str, Any]:
     if not isinstance(found, dict) or not found.keys() >= {"seconds", "begun"}:
         raise TrainingError(f"resume: {path} is damaged; begin anew in another directory")
     return found
+
+
+def check_seed(seed: int) -> None:
+    """Check a run's seed."""
+    if not 0 <= seed < _SEEDS:
+        raise TrainingError(f"seed: is {seed}; give a whole number from 0 to {_SEEDS - 1}")
 
 
 def check_resumed(options: Sequence[str], seed: int | None, own: int) -> None:

@@ -1,8 +1,11 @@
 """Where an agent learns: Town01, Town01 with drawn scenery, and towns of names that no draw gives; and how it sees."""
 
+import contextlib
+import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -38,7 +41,12 @@ def towns_of(numbers: Iterable[int]) -> list[Town]:
         folder = home() / "towns" / f"training-{number}"
         if not (folder / "manifest.json").is_file():
             try:
-                make_town(folder.name, folder)
+                folder.parent.mkdir(parents=True, exist_ok=True)
+                with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as scratch:
+                    made = Path(scratch) / folder.name
+                    make_town(folder.name, made)
+                    with contextlib.suppress(OSError):  # another run was faster
+                        made.rename(folder)
             except (RuntimeError, OSError) as error:
                 raise TrainingError(f"towns: {folder} cannot be built: {error}") from error
         towns.append(read_town(folder))

@@ -42,5 +42,5 @@ def test_evaluations_are_told_at_once_and_rows_now_and_then(capsys, monkeypatch)
         display.row({**ROW, "reward_mean": 1234.5, "success_heldout": 0.96})
     assert capsys.readouterr().out.splitlines() == [
         "ppo-image: pretraining, 4,096 frames, loss 0.500",
-        "ppo-image: 1.2 min, 16,384 steps, 2,048/s, reward of an episode 1,234, held-out journeys 96%",
+        "ppo-image: 50%, 1.2 min, 16,384 steps, 2,048/s, reward of an episode 1,234, held-out journeys 96%",
     ]

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -13,7 +14,7 @@ from torch.optim.lr_scheduler import OneCycleLR
 
 from wrongturn_agents.training.cars import Observations
 from wrongturn_agents.training.checkpoint import load_weights, read, write
-from wrongturn_agents.training.drives_config import DrivesConfig
+from wrongturn_agents.training.drives_config import DrivesConfig, WorldConfig
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.method import Method
 from wrongturn_agents.training.methods.averaging import Pool
@@ -25,6 +26,8 @@ _POOL: Final = 16_384
 """Number of pictures kept at a time."""
 _BEFORE: Final = 4
 """Minibatches of pictures before anything is learned."""
+_STAY: Final = 64
+"""Most decisions of a group of cars in a town: a pretraining is short, and shows all towns."""
 _WARM_UP: Final = 0.1
 """Share of a pretraining over which the learning rate rises."""
 _APART: Final = 20
@@ -71,6 +74,8 @@ class WanderingCars:
     def __init__(
         self, config: DrivesConfig, device: torch.device, *, seed: int, threads: int, **journeys: float
     ) -> None:
+        if isinstance(config, WorldConfig):
+            config = replace(config, stay=min(config.stay, _STAY))
         drives = {"near_bends": 0.25, "near_junctions": 0.4, "lateral": 0.7, "yaw": 0.2, **journeys}
         self.envs: Any = cars_of(
             config, device, track="segmentation", keys=("rgb", "segmentation"), threads=threads, seed=seed,

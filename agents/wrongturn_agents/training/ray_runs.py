@@ -1,0 +1,107 @@
+"""Runs on a Ray cluster: each is a task, and its program runs on the node that Ray chooses."""
+
+import logging
+import math
+import os
+import signal
+import socket
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+from wrongturn_agents.batch.workers import load_ray
+from wrongturn_agents.training.errors import TrainingError
+from wrongturn_agents.training.job import Job, Started, failure_of
+
+_RETRIES: Final = 5
+"""How often a run whose node died starts on another one. It resumes there."""
+_PATIENCE: Final = 5.0
+"""Seconds within which a cluster has to answer."""
+_AWAKE: Final = 0.2
+
+
+@contextmanager
+def cluster() -> Iterator[Any]:
+    """Connect to the cluster of ``RAY_ADDRESS``, or to that which runs on this machine, and yield ``ray``.
+
+    Raises:
+        AgentsError: Ray is not installed, or there is no cluster.
+    """
+    ray = load_ray()
+    address = os.environ.get("RAY_ADDRESS") or "auto"
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    host, _, port = address.rpartition(":")
+    try:
+        if port.isdecimal():  # Ray itself waits minutes for a cluster that does not answer
+            socket.create_connection((host, int(port)), _PATIENCE).close()
+        ray.init(address=address, log_to_driver=False, logging_level=logging.WARNING)
+    except (OSError, OverflowError, ValueError) as error:
+        raise TrainingError(
+            f"--ray: there is no cluster at {address!r}; start one with 'ray start --head', or name it in RAY_ADDRESS"
+        ) from error
+    # Ray aborts a program at SIGTERM. This one lets its runs save.
+    signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGTERM))
+    try:
+        yield ray
+    finally:
+        ray.shutdown()
+
+
+def shares(ray: Any, runs: int, threads: int | None, gpus: float | None) -> tuple[int, float]:
+    """Return the cores and the GPUs of each run: by default, all run at once and share what the cluster has."""
+    cores = [node["Resources"].get("CPU", 0) for node in ray.nodes() if node["Alive"]]
+    there = ray.cluster_resources().get("GPU", 0)
+    if threads is None:
+        threads = max(1, int(min(sum(cores) / runs, max(cores, default=1))))
+    if gpus is None:
+        gpus = 1.0 / math.ceil(runs / there) if there else 0.0
+    return threads, gpus
+
+
+@contextmanager
+def start_on_ray(
+    ray: Any, jobs: Sequence[Job], directory: Path, *, threads: int, gpus: float
+) -> Iterator[dict[Job, Started]]:
+    """Hand jobs to the cluster. Their directory must be on a file system that this machine and the nodes share."""
+    with tempfile.NamedTemporaryFile(dir=directory, prefix=".shared-") as probe:
+        task = ray.remote(num_cpus=threads, num_gpus=gpus, max_retries=_RETRIES)(_run)
+        yield {job: _OnRay(ray, task.options(name=job.name).remote(job, Path(probe.name).absolute())) for job in jobs}
+
+
+def _run(job: Job, probe: Path) -> str:
+    """Run a job's program on this node, and return why it failed; an empty text if it did not."""
+    if not probe.is_file():
+        return (
+            f"node {socket.gethostname()} has no {probe.parent} of the machine that asks; "
+            "name a --directory on a file system that all nodes share"
+        )
+    process = job.start()
+    try:
+        while process.poll() is None:  # Ray's cancellation does not interrupt a system call
+            time.sleep(_AWAKE)
+    except KeyboardInterrupt:
+        process.terminate()
+        process.wait()
+        raise
+    return failure_of(job, process.returncode)
+
+
+class _OnRay:
+    """A job on the cluster."""
+
+    def __init__(self, ray: Any, reference: Any) -> None:
+        self._ray, self._reference = ray, reference
+
+    def failure(self) -> str | None:
+        if not self._ray.wait([self._reference], timeout=0)[0]:
+            return None
+        try:
+            return str(self._ray.get(self._reference))
+        except self._ray.exceptions.RayError as error:
+            return next(reversed(str(error).strip().splitlines()), type(error).__name__)
+
+    def stop(self, *, now: bool) -> None:
+        self._ray.cancel(self._reference, force=now)
