@@ -1,5 +1,6 @@
 """Models that are driven on the nodes of a Ray cluster: hostile ones are stopped, and only sandboxes run any."""
 
+import asyncio
 import os
 import sys
 from collections.abc import Iterator
@@ -8,6 +9,7 @@ from pathlib import Path
 import psutil
 import pytest
 import small_models
+from app_harness import until
 from corpus import CORPUS, Case
 from service_harness import OPERATOR, RunningService, await_that, expect, figure
 from submission_owner import Owner
@@ -15,7 +17,9 @@ from test_submissions_real import SOME, outcome
 
 from wrongturn_sandbox import SandboxUnavailableError, bubblewrap, gpu
 from wrongturn_sandbox.session import providers
+from wrongturn_service.cluster.programs import Programs, Resources
 from wrongturn_service.settings import Settings
+from wrongturn_service.submissions.ray_sandboxes import RaySandboxes
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
@@ -79,9 +83,33 @@ def test_a_node_without_a_sandbox_drives_nothing_and_the_service_says_so(serving
     assert figure(serving, "wrongturn_ray_nodes_with_sandbox") == 2
 
 
-@pytest.mark.parametrize("case", [case for case in CORPUS if case.name in SOME], ids=lambda case: case.name)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, id=case.name, marks=() if case.name in SOME else pytest.mark.soak) for case in CORPUS]
+)
 def test_hostile_uploads_fail_with_their_reasons(owner: Owner, tmp_path: Path, case: Case) -> None:
     assert case.words.lower() in outcome(owner, case, tmp_path).lower()
+
+
+@pytest.mark.soak
+async def test_the_tests_of_the_sandbox_pass_on_a_node(nodes: Mixed) -> None:
+    settings = Settings(runners="ray", ray_address=nodes.address, ray_listen="127.0.0.1:0")
+    programs = Programs(settings)
+    sandboxes = RaySandboxes(programs, settings)
+    programs.changed = sandboxes.wake
+    await programs.open()
+    await until(lambda: len(programs.nodes) == 3)
+    sandboxes.open("")
+    await until(lambda: sandboxes.complete)
+    good = [node.id for node in programs.nodes if node.id in sandboxes.nodes and node.cores]
+    tests = str(Path(__file__).parents[1] / "sandbox")
+    command = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not soak", "--rootdir", tests, tests)
+    async with programs.starting(command, asyncio.Protocol, Resources(cores=0.2), nodes=good) as (program, _):
+        end = await program.ended
+    await sandboxes.close()
+    await programs.close()
+    assert len(good) == 1
+    assert end.status == 0, end.words
+    assert "skipped" not in end.words
 
 
 def test_a_runner_that_is_killed_is_replaced_and_each_trial_is_driven_once(nodes: Mixed, owner: Owner) -> None:

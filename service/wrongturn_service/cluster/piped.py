@@ -41,10 +41,11 @@ def main() -> int:
         with ours, contextlib.suppress(ConnectionError, TimeoutError):
             _carry(service, ours)
         try:
-            return process.wait(_GRACE_S)
+            status = process.wait(_GRACE_S)
         except subprocess.TimeoutExpired:
             process.kill()
-            return process.wait()
+            status = process.wait()
+        return status if status >= 0 else 128 - status  # as a shell tells of signals
 
 
 def _carry(service: socket.socket, program: socket.socket) -> None:
