@@ -24,6 +24,7 @@ from wrongturn_agents.training.devices import check_threads, device_of, memory_n
 from wrongturn_agents.training.drive import AnyModel
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.held_out import (
+    Candidate,
     Candidates,
     Evaluation,
     held_out_journeys,
@@ -256,9 +257,12 @@ class Run:
 
     def save_state(self, **state: Any) -> None:
         """Write what :attr:`state` is when the run is resumed. If someone stopped the run, it ends here."""
+        self._write_state(state)
+        self.stop.saved()
+
+    def _write_state(self, state: Mapping[str, Any]) -> None:
         self._saved_at = self.budget.used
         write(self.folder / STATE, {**state, "seconds": self.budget.used, "begun": self.budget.begun})
-        self.stop.saved()
 
     @property
     def save_due(self) -> bool:
@@ -314,6 +318,7 @@ class Run:
         self.row(steps, self._judge(steps) if due and not late else None, **figures)
         if self.save_due:
             self._save_last(steps, self.last)
+            self.stop.saved()
 
     def finish(self, steps: int, **figures: Any) -> None:
         """Drive the last held-out journeys, choose the best agent, and save."""
@@ -329,24 +334,29 @@ class Run:
         found = self.evaluate([one.model for one in chosen], last=last)
         self._agent.train(learning)
         self._evaluated_at = steps
+        kept: Candidate | None = None
         if found is not None:
             best = max(range(len(chosen)), key=lambda i: found[i].rank)
             if again or known is None or found[best].rank > known.rank:
                 candidates.judged(chosen[best], found[best])
-                self.save(BEST, chosen[best].model, chosen[best].steps, found[best])
+                kept = candidates.best
             candidates.promising = None
             self.last = found[0]
         elif candidates.best is None:
-            one = candidates.promising or chosen[0]
-            self.save(BEST, one.model, one.steps)
+            kept = candidates.promising or chosen[0]
         now = found[0] if found else None
         self._save_last(steps, now)
+        if kept is not None:
+            self.save(BEST, kept.model, kept.steps, kept.evaluation)
         return now
 
     def _save_last(self, steps: int, evaluation: Evaluation | None) -> None:
-        """Save the agent, and what the run continues from: everything except the drives in progress."""
+        """Save the agent, and what the run continues from: everything except the drives in progress.
+
+        The state comes first. A run that is killed before its first agent is written can be resumed.
+        """
+        self._write_state({**self._state(), "steps": steps, "evaluated_at": self._evaluated_at})
         self.save(LAST, self._agent, steps, evaluation)
-        self.save_state(**self._state(), steps=steps, evaluated_at=self._evaluated_at)
 
     def _drives(self) -> dict[str, float]:
         """Return means over the newest drives; nothing if there were none."""

@@ -7,7 +7,7 @@ from small_run import HERE, SMALL
 from wrongturn_agents.training.checkpoint import load_checkpoint, read
 from wrongturn_agents.training.methods.ppo.ppo import WrongturnPPO
 from wrongturn_agents.training.progress import read_rows
-from wrongturn_agents.training.run import train
+from wrongturn_agents.training.run import Run, train
 
 FAST = [*SMALL, "evaluate_every=12"]
 
@@ -72,3 +72,15 @@ def test_without_traffic_no_journey_has_any(run):
     (row,) = read_rows(run[1] / "progress.csv")[-1:]
     assert (row["success_heldout"], row["traffic_success_heldout"]) == ("0", "")
     assert load_checkpoint(run[1] / "best.pt")["evaluation"]["traffic_success"] is None
+
+
+def test_a_run_that_is_killed_while_it_first_saves_is_resumed(tmp_path, monkeypatch, small_networks):
+    def killed(*_, **__):
+        raise SystemExit
+
+    monkeypatch.setattr(Run, "save", killed)
+    with pytest.raises(SystemExit):
+        train("ppo-segmentation", directory=tmp_path, steps=12, **HERE, options=[*FAST, "traffic=0"])
+    monkeypatch.undo()
+    train("ppo-segmentation", directory=tmp_path, steps=24, **HERE, resume=True)
+    assert load_checkpoint(tmp_path / "best.pt")["steps"] > 0
