@@ -184,7 +184,9 @@ def probe_nodes(settings: Settings) -> str:
                     news.clear()
                     await news.wait()
         except (OSError, TimeoutError) as error:
-            raise SandboxUnavailableError(f"Ray: {programs.trouble or error or 'the nodes do not answer'}") from error
+            raise SandboxUnavailableError(
+                f"no node can be reached: {programs.trouble or error or 'they do not answer'}"
+            ) from error
         else:
             return sandboxes.look()
         finally:
