@@ -222,8 +222,8 @@ def test_what_makes_another_cell_makes_another_stratum(suite) -> None:
     others = [
         trial.model_copy(update={"weather": Weather.WET_NOON}),
         trial.model_copy(update={"traffic": Traffic(vehicles=20)}),
-        trial.model_copy(update={"fault": Fault(kind=FaultKind.EARLY, onset=5.0)}),
-        trial.model_copy(update={"fault": Fault(kind=FaultKind.EARLY, onset=10.0)}),
+        trial.model_copy(update={"fault": Fault(kind=FaultKind.EARLY, dose=5.0)}),
+        trial.model_copy(update={"fault": Fault(kind=FaultKind.EARLY, dose=10.0)}),
         trial.model_copy(update={"town": "Town02"}),
         trial.model_copy(update={"town": "drawn-0123456789abcdef"}),
     ]

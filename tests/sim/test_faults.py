@@ -1,15 +1,38 @@
 import asyncio
+import itertools
+import math
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from wrongturn_networks import draw_trial, faults, load_town
-from wrongturn_protocol import Command, FaultKind, JunctionType, PracticeRequest, ProblemType, Track
+from wrongturn_judge import JudgeGeometry, Row, Trajectory, judge
+from wrongturn_networks import draw_trial, faults, load_town, town_of
+from wrongturn_protocol import (
+    DIRECTIONS,
+    Command,
+    FaultKind,
+    JunctionType,
+    PracticeRequest,
+    ProblemType,
+    Reaction,
+    Track,
+    Traffic,
+    Verdict,
+)
+from wrongturn_protocol.segmentation import SegmentationClass
 from wrongturn_service.catalogue import practice_trial
 from wrongturn_service.episodes.draws import Draws
 from wrongturn_service.errors import InvalidRequestError
 from wrongturn_sim import Episode, FaultNotApplicableError, WrongturnSimEnv, WrongturnVectorEnv, available_faults
+from wrongturn_sim.camera import Renderer, World
+from wrongturn_sim.errors import TrialNotAloneError
+from wrongturn_sim.polyline import Polyline
+from wrongturn_sim.route import start_pose
+from wrongturn_sim.traffic.plan import plan_traffic
+from wrongturn_sim.view.scene import draw_ground
+from wrongturn_sim.view.window import Window
 
 
 def delivered(episode):
@@ -58,6 +81,58 @@ def test_infeasible_is_refused_where_no_direction_is_missing():
         WrongturnSimEnv(town="junctions", approach=approach, fault="infeasible")
     assert FaultKind.INFEASIBLE not in faults.faults_at(town, approach)
     assert FaultKind.INFEASIBLE in faults.faults_at(town, "J1-S")
+
+
+def test_each_fault_is_delivered_and_judged_alike_alone_and_in_a_batch(make_trial, drive, same_in_a_batch):
+    town, episodes = load_town("Town01"), []
+    for kind in available_faults():
+        approach = next(name for name in town.approaches if kind in faults.faults_at(town, name))
+        trial = make_trial(approach, kind, 3, town="Town01")
+        episode = drive(trial)
+        assert any(command != route for command, route in delivered(episode)) == (kind is not FaultKind.NONE)
+        assert (episode.outcome.reaction is None) == (kind is FaultKind.NONE)
+        if kind is not FaultKind.PROHIBITED:
+            episodes.append(episode)
+    same_in_a_batch(episodes)
+
+
+def test_boards_are_seen_hit_and_kept_clear_by_all_others(make_trial):
+    trial = make_trial("J3-S", "prohibited", 2, town="Town01", traffic=Traffic(vehicles=60))
+    closed = faults.closed_exit(trial)
+    town = town_of(trial)
+    episode = Episode(trial, Track.PRIVILEGED)
+    observation = episode.reset()
+    row = DIRECTIONS.index(closed)
+    open_ = [one in town.approach("J3-S").exits and one is not closed for one in DIRECTIONS]
+    assert observation["exits_mask"].astype(bool).tolist() == open_
+    assert not observation["exits"][row].any()
+    plan = plan_traffic(town, trial, start_pose(town, trial))
+    edges = {edge for car in plan.cars for trip in car.trips for edge in trip.edges}
+    assert not edges & {town.lanes[lane].edge for lane in town.closed}
+    assert plan_traffic(town.plain, trial, start_pose(town, trial)) != plan
+    alone = trial.model_copy(update={"traffic": Traffic()})
+    leaving = town.approach("J3-S").exits[closed]
+    way = Polyline(np.concatenate([leaving.path, town.lanes[leaving.lane].centreline[1:]]))
+    along = np.arange(0.0, 60.0, 0.4)
+    places = np.column_stack([np.interp(along, way.along, way.points[:, k]) for k in (0, 1)]).tolist()
+    rows = [
+        Row(0.05 * k, x, y, math.atan2(y2 - y, x2 - x), 8.0, 0.0, int(closed), int(trial.route), 0.0, 0.0, 0.0)
+        for k, ((x, y), (x2, y2)) in enumerate(itertools.pairwise(places))
+    ]
+    ends = []
+    for one in (alone, alone.twin()):
+        here = town_of(one)
+        ends.append(judge(Trajectory(one, here.sha256, rows), JudgeGeometry.of(here, one)))
+    assert [end.verdict for end in ends] == [Verdict.COLLISION, Verdict.EXIT_COMMANDED]
+    assert ends[0].reaction is Reaction.OBEYED
+    begin = rows[0]
+    (_, before), (_, now) = (Renderer(World.of(one)).render(*rows[20][1:4]) for one in (town.plain, town))
+    assert set(now[now != before].tolist()) == {SegmentationClass.WALL}
+    assert (now != before).sum() > 100
+    window = Window(begin.x, begin.y, 80.0, 200)
+    assert not np.array_equal(draw_ground(town, window), draw_ground(town.plain, window))
+    with pytest.raises(TrialNotAloneError, match="closes a street by boards"):
+        WrongturnVectorEnv(2, trial=alone).reset()
 
 
 def practise(approach, fault):
