@@ -14,14 +14,14 @@ _LEAD: Final = 5.0  # a start lies this far before the stretch at least, metres
 
 
 class Commission(CommandFault):
-    """A turn in a stretch of the lane before the junction; then the route's command as usual."""
+    """A turn that is not the route's, in a stretch of the lane before the junction; then the command as usual."""
 
     kind = FaultKind.COMMISSION
     guide_word = "as well as"
     words = "The command names a turn on the way to the junction, where nothing branches off."
     onset = f"{ENDS + LENGTH:g} m before the stop line"
     end = f"{ENDS:g} m before the stop line"
-    drawn = "left or right"
+    drawn = "left or right, where the route goes straight on; else it is the other one"
     reactions = (Reaction.OBEYED, Reaction.EXIT, Reaction.FROZE, Reaction.OTHER)
 
     @classmethod
@@ -44,7 +44,7 @@ class Commission(CommandFault):
         """Return the turn within the stretch."""
         ahead = guidance.ahead
         there = ahead is not None and ahead.first and ENDS <= ahead.to_line <= ENDS + LENGTH
-        return pick(TURNS, self.seed) if there else guidance.command
+        return pick(TURNS - {self.route}, self.seed) if there else guidance.command
 
     @classmethod
     def reaction(cls, trial: Trial, ending: Ending) -> Reaction:  # noqa: ARG003
