@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from pathlib import Path
 from typing import Any, Final
 
 import pytest
@@ -35,6 +36,7 @@ from wrongturn_protocol import (
     Verdict,
 )
 
+ROOT = Path(__file__).parents[2]
 INNER, LANE = 20.0, 60.0
 """Metres from the stop line to the exit line, and from there to the next stop line."""
 LETTERS: Final = {
@@ -157,6 +159,14 @@ def test_a_fault_says_all_about_itself(kind: FaultKind) -> None:
     assert bool(built.guide_word) == (kind is not FaultKind.NONE) == bool(built.reactions)
     for dose in filter(None, (built.dose, built.period)):
         assert all(dose.low <= one <= dose.high for one in (dose.usual, *dose.suites))
+    page, numbers = (ROOT / "docs" / "faults.md").read_text(), []
+    for name, dose in (("dose", built.dose), ("period", built.period)):
+        if dose is not None:
+            unit, listed = f" {dose.unit}".rstrip(), ", ".join(f"{one:g}" for one in dose.suites)
+            within = f"{dose.low:g} to {dose.high:g}{unit}, usually {dose.usual:g}; suites: {listed}"
+            numbers.append(f"`{name}`: {dose.meaning}, {within}")
+    row = f"| [`{kind}`](#{kind}) | {built.guide_word} | {built.onset} | {built.end} | {'. '.join(numbers) or '–'} |"
+    assert kind is FaultKind.NONE or (f"{row} {built.drawn} |" in page and f"## {kind}\n" in page)
     assert "LEFT" in built.told(a_trial(Fault(kind=kind)), lambda word: word.name)
 
 

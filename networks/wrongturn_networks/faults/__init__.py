@@ -48,10 +48,10 @@ class _Registry:
             raise TypeError(f"has no {' and no '.join(missing)}; see CommandFault")
         if name not in tuple(FaultKind) or fault.kind != name:
             raise ValueError(f"is of the kind {fault.kind}; an entry point has the name of its kind, one of FaultKind")
-        if fault.kind in self.built:
-            raise ValueError(f"there is another {name}; remove one of the two packages")
         if strange := sorted(set(fault.reactions) - set(Reaction)):
             raise ValueError(f"reactions: {strange[0]!r} is none of Reaction")
+        if fault.kind in self.built:
+            raise ValueError(f"there is another {name}; remove one of the two packages")
         self.built[fault.kind] = fault
 
 
