@@ -184,10 +184,13 @@ def update(
 
 
 @compiled()
-def passages(legs: Array, gates: Array, row: Array) -> tuple[int, int, float, float, int, int, float, float]:
-    """Return the last junction and the one ahead, from a PROGRESS that was updated.
+def passages(
+    legs: Array, gates: Array, row: Array
+) -> tuple[float, int, int, int, float, float, int, int, float, float]:
+    """Return where windows open, the number of junctions passed, the last junction and the one ahead.
 
-    Of each: the route's direction, the leg (-1: none), and metres along the route to the stop line and the exit line.
+    Of each junction: the route's direction, the leg (-1: none), and metres along the route to the stop line and the
+    exit line. ``row`` is a PROGRESS that was updated.
     """
     progress = row.view(PROGRESS)[0]
     ahead, last, s = progress.leg, progress.last, progress.s
@@ -203,7 +206,19 @@ def passages(legs: Array, gates: Array, row: Array) -> tuple[int, int, float, fl
         # In the junction after it, the whole lane between lies behind the car.
         past_exit = legs.view(LEG)[progress.leg, 0].length + s if progress.inside else s
         past_line = past_exit + gates.view(GATE)[last, progress.taken, 0].inner
-    return progress.last_command, last, -past_line, -past_exit, direction, ahead, to_line, to_exit
+    return (
+        progress.window, progress.passed,
+        progress.last_command, last, -past_line, -past_exit, direction, ahead, to_line, to_exit,
+    )  # fmt: skip
+
+
+@compiled()
+def follow(
+    points: Array, along: Array, legs: Array, gates: Array, draws: Array, way: Array, row: Array, x: float, y: float
+) -> tuple[int, float, float, tuple[float, int, int, int, float, float, int, int, float, float]]:
+    """Update a car's progress as :func:`update`; return the command, lateral, heading, and :func:`passages`."""
+    command, _, lateral, heading = update(points, along, legs, gates, draws, way, row, x, y)
+    return command, lateral, heading, passages(legs, gates, row)
 
 
 @compiled()

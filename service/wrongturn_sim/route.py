@@ -25,6 +25,7 @@ from wrongturn_sim import guide
 from wrongturn_sim.roads import Roads, roads_of
 
 _COMMANDS: Final = {int(command): command for command in Command}
+_new: Final = tuple.__new__
 
 
 class Pose(NamedTuple):
@@ -61,20 +62,16 @@ def start_pose(town: Town, trial: Trial) -> Pose:
     )
 
 
-def guidance_of(roads: Roads, row: NDArray[np.float64], command: int, lateral: float, heading: float) -> Guidance:
-    """Return the guidance of a PROGRESS that ``guide.update`` has updated, and what that returned."""
-    progress: Any = row.view(guide.PROGRESS)[0]
-    told = guide.passages(*roads.tables[2:], row)
-    last = _passage(roads, *told[:4], progress.passed == 1)
-    ahead = _passage(roads, *told[4:], progress.passed == 0)
-    return Guidance(_COMMANDS[command], float(progress.window), ahead, last, lateral, heading)
-
-
-def _passage(roads: Roads, direction: int, leg: int, to_line: float, to_exit: float, first: bool) -> Passage | None:
-    approach = roads.approaches[leg] if leg >= 0 else None
-    if approach is None:
-        return None
-    return Passage(_COMMANDS[direction], approach.type.exits, to_line, to_exit, bool(first))
+def guidance_of(roads: Roads, command: int, lateral: float, heading: float, told: tuple[Any, ...]) -> Guidance:
+    """Return what ``guide.follow`` returned as a named tuple."""
+    window, passed, last_route, last, past_line, past_exit, route, leg, to_line, to_exit = told
+    exits = roads.directions
+    # A tuple's own maker, as each argument that Python looks up takes longer than the compiled part.
+    before = (
+        _new(Passage, (_COMMANDS[last_route], exits[last], past_line, past_exit, passed == 1)) if last >= 0 else None
+    )
+    ahead = _new(Passage, (_COMMANDS[route], exits[leg], to_line, to_exit, passed == 0)) if leg >= 0 else None
+    return _new(Guidance, (_COMMANDS[command], window, ahead, before, lateral, heading))
 
 
 @once_per_net(512)
@@ -126,8 +123,7 @@ class Navigator:
 
     def update(self, x: float, y: float) -> Guidance:
         """Return the guidance for the current place of the body's centre, metres."""
-        command, _, lateral, heading = guide.update(*self._roads.tables, self._draws, self._way, self._row, x, y)
-        return guidance_of(self._roads, self._row, command, lateral, heading)
+        return guidance_of(self._roads, *guide.follow(*self._roads.tables, self._draws, self._way, self._row, x, y))
 
     @property
     def lane(self) -> str:

@@ -227,7 +227,7 @@ def test_a_trial_looks_the_same_in_process_and_over_the_wire(
 
 
 def test_a_service_says_what_is_wrong_with_a_fault(over_the_wire: Environments) -> None:
-    with pytest.raises(ApiError, match=r"fault.kind: stuck is not built yet; take one of none, infeasible, omission"):
-        over_the_wire.one(fault="stuck").reset()
+    with pytest.raises(ApiError, match=r"fault.kind: custom is not installed; take one of none, infeasible, omission"):
+        over_the_wire.one(fault="custom").reset()
     with Client(over_the_wire.options["url"], "") as client:
         assert client.ready()

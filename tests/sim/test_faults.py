@@ -143,7 +143,7 @@ def practise(approach, fault):
 
 @pytest.mark.parametrize("kind", sorted(set(FaultKind) - set(available_faults())))
 def test_a_fault_that_is_not_built_is_refused_as_such_everywhere(kind):
-    message = f"{kind} is not built yet; take one of none, infeasible, omission"
+    message = f"{kind} is not installed; take one of none, infeasible, omission"
     with pytest.raises(FaultNotApplicableError, match=message):
         Episode(draw_trial(load_town("junctions"), "J1-S", kind, 1), Track.STATE)
     for approach in (None, "J1-S"):

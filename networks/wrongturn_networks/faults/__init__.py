@@ -71,10 +71,10 @@ def available_faults() -> tuple[FaultKind, ...]:
 
 
 def fault_class(kind: FaultKind) -> type[CommandFault]:
-    """Return the class of a fault. Raises FaultNotApplicableError for a kind that is not built yet."""
+    """Return the class of a fault. Raises FaultNotApplicableError for a kind that is not installed."""
     if kind not in _registry().built:
         built = ", ".join(available_faults())
-        raise FaultNotApplicableError(f"fault.kind: {kind} is not built yet; take one of {built}")
+        raise FaultNotApplicableError(f"fault.kind: {kind} is not installed; take one of {built}")
     return _registry().built[kind]
 
 

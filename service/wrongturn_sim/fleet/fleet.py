@@ -338,7 +338,9 @@ class Fleet:
                 continue
             fault = self._faults[i]
             assert fault is not None
-            guidance = guidance_of(self._roads, egos.progress[i], int(egos.guided[i, 0]), *egos.beside[i].tolist())
+            told = guide.passages(*self._roads.tables[2:], egos.progress[i])
+            lateral, heading = egos.beside[i].tolist()
+            guidance = guidance_of(self._roads, int(egos.guided[i, 0]), lateral, heading, told)
             count = int(egos.sub_steps[i])
             command = int(fault.deliver(count / kernel.PER_SECOND, guidance))
             egos.delivered[i] = command
