@@ -193,7 +193,17 @@ class CommandFault(ABC):
     @classmethod
     def told(cls, trial: Trial, names: Callable[[Command], str]) -> str:
         """Return what the agent was told at the junction, as sentences; ``names`` gives the word for a command."""
-        return f"{cls.words} The route goes {names(trial.route)}."
+        return f"{cls.words}{cls.measured(trial.fault)} The route goes {names(trial.route)}."
+
+    @classmethod
+    def measured(cls, fault: Fault) -> str:
+        """Return dose and period as sentences, each after a space, such as "How much too late it comes: 15 m."."""
+        found = ""
+        for dose, value in ((cls.dose, fault.dose), (cls.period, fault.period)):
+            if dose is not None:
+                amount = f"{cls._given(dose, value):g} {dose.unit}".rstrip()
+                found += f" {dose.meaning[0].upper()}{dose.meaning[1:]}: {amount}."
+        return found
 
 
 class WrongDirection(CommandFault):
@@ -226,7 +236,8 @@ class WrongDirection(CommandFault):
     def told(cls, trial: Trial, names: Callable[[Command], str]) -> str:
         """Name the wrong direction."""
         where = "" if cls.wrong(trial) in trial.junction_type.exits else ", where there is no exit"
-        return f"{cls.words} It said {names(cls.wrong(trial))}{where}. The route goes {names(trial.route)}."
+        said = f"{cls.words}{cls.measured(trial.fault)} The wrong direction is {names(cls.wrong(trial))}{where}."
+        return f"{said} The route goes {names(trial.route)}."
 
 
 def other_exit(route: Command, exits: frozenset[Command], seed: int) -> Command:
