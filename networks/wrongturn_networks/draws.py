@@ -143,6 +143,7 @@ def draw_cells(suite_id: str, cells: Sequence[Cell], secret: str) -> Draw:
     drawn = town_names_of(cells, secret)
     if any(cell.task for cell in cells):
         return Draw(suite_id, _journeys(cells, drawn, numbers), (), secret)
+    cells = [placed(cell, drawn) for cell in cells]
     approaches = _dealt(cells, lambda cell: cell, lambda cell, *group: _approaches_of(cell, drawn, numbers, *group))
     routes = _dealt(cells, _anywhere, lambda cell, *group: _routes_of(cell, numbers, *group))
     trials: list[Trial] = []
@@ -155,6 +156,22 @@ def draw_cells(suite_id: str, cells: Sequence[Cell], secret: str) -> Draw:
         trials.append(trial)
         twins.append(twin.model_copy(update={"id": twin_id(trial), "fault": Fault(kind=FaultKind.NONE)}))
     return Draw(suite_id, tuple(trials), tuple(twins), secret)
+
+
+def placed(cell: Cell, drawn: Mapping[str, str]) -> Cell:
+    """Return a cell in the drawn town where it can be driven: its own or, if that has no such approach, the next.
+
+    Not every drawn town has a crossing, or a lane that is long enough for every fault. ``drawn`` has the names of towns
+    by their ``drawn K``.
+    """
+    if cell.town not in drawn:
+        return cell
+    labels = [*drawn]
+    own, least = labels.index(cell.town), max(room_for(cell.fault), SHORTEST)
+    for label in (*labels[own:], *labels[:own]):
+        if _roomy(load_town(drawn[label]), _type_of(cell), least):
+            return cell.model_copy(update={"town": label})
+    return cell
 
 
 def possible_trials(cell: Cell) -> tuple[Trial, ...]:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wrongturn_networks import FaultNotApplicableError, SceneryKind, draw_trial, load_town, town_of
-from wrongturn_networks.draws import draw_cells, possible_trials
+from wrongturn_networks.draws import draw_cells, placed, possible_trials
 from wrongturn_networks.faults import (
     Ending,
     Guidance,
@@ -248,6 +248,15 @@ def test_whatever_is_offered_can_be_drawn_by_any_seed_and_by_suites(town_name: s
     ):
         check_fault(trial)
         assert trial.start.distance > 70.0 or trial.fault.kind is not FaultKind.COMMISSION
+
+
+def test_a_cell_moves_to_the_next_drawn_town_where_its_own_has_no_lane_for_it() -> None:
+    towns = {"drawn 0": "Town01", "drawn 1": "Town02"}
+    for kind, label in ((FaultKind.COMMISSION, "drawn 0"), (FaultKind.LATE, "drawn 1")):
+        cell = Cell(town="drawn 1", junction_type=LEFT_RIGHT, fault=Fault(kind=kind))
+        assert placed(cell, towns) == cell.model_copy(update={"town": label})
+    nowhere = cell.model_copy(update={"junction_type": CROSS})
+    assert placed(nowhere, towns) == nowhere
 
 
 def test_boards_close_the_street_that_the_command_names() -> None:

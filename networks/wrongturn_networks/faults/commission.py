@@ -10,7 +10,7 @@ LENGTH: Final = 30.0
 ENDS: Final = 40.0
 """The stretch ends this far before the stop line, metres."""
 TURNS: Final = frozenset({Command.LEFT, Command.RIGHT})
-_LEAD: Final = 5.0  # a start lies this far before the stretch at least, metres
+_LEAD: Final = 2.0  # a start lies this far before the stretch at least, metres
 
 
 class Commission(CommandFault):
