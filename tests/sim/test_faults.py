@@ -39,27 +39,6 @@ def delivered(episode):
     return [(row.command, row.route_command) for row in episode.trajectory.rows]
 
 
-def test_a_twin_gets_the_routes_command(make_trial, drive):
-    commands = delivered(drive(make_trial(fault="none")))
-    assert all(command == route for command, route in commands)
-    assert {route for _, route in commands} == {4, int(make_trial(fault="none").route)}
-
-
-@pytest.mark.parametrize("junction_type", [kind for kind in JunctionType if kind.missing is not None])
-def test_infeasible_names_the_missing_direction_in_the_window(junction_type, make_trial, drive):
-    town = load_town("junctions")
-    approach = next(name for name, arm in town.approaches.items() if arm.type is junction_type)
-    trial = make_trial(approach, "infeasible")
-    for command, route in delivered(drive(trial)):
-        assert command == (4 if route == 4 else int(junction_type.missing))
-
-
-def test_omission_is_lane_follow_throughout(make_trial, drive):
-    commands = delivered(drive(make_trial(fault="omission")))
-    assert {command for command, _ in commands} == {4}
-    assert {route for _, route in commands} > {4}
-
-
 def test_the_command_seen_is_the_one_that_the_next_rows_hold(make_trial):
     episode = Episode(make_trial(fault="infeasible"), Track.STATE)
     seen = [int(episode.reset()["command"][0])]
@@ -102,14 +81,11 @@ def test_boards_are_seen_hit_and_kept_clear_by_all_others(make_trial):
     town = town_of(trial)
     episode = Episode(trial, Track.PRIVILEGED)
     observation = episode.reset()
-    row = DIRECTIONS.index(closed)
     open_ = [one in town.approach("J3-S").exits and one is not closed for one in DIRECTIONS]
     assert observation["exits_mask"].astype(bool).tolist() == open_
-    assert not observation["exits"][row].any()
     plan = plan_traffic(town, trial, start_pose(town, trial))
     edges = {edge for car in plan.cars for trip in car.trips for edge in trip.edges}
     assert not edges & {town.lanes[lane].edge for lane in town.closed}
-    assert plan_traffic(town.plain, trial, start_pose(town, trial)) != plan
     alone = trial.model_copy(update={"traffic": Traffic()})
     leaving = town.approach("J3-S").exits[closed]
     way = Polyline(np.concatenate([leaving.path, town.lanes[leaving.lane].centreline[1:]]))
@@ -119,17 +95,14 @@ def test_boards_are_seen_hit_and_kept_clear_by_all_others(make_trial):
         Row(0.05 * k, x, y, math.atan2(y2 - y, x2 - x), 8.0, 0.0, int(closed), int(trial.route), 0.0, 0.0, 0.0)
         for k, ((x, y), (x2, y2)) in enumerate(itertools.pairwise(places))
     ]
-    ends = []
-    for one in (alone, alone.twin()):
-        here = town_of(one)
-        ends.append(judge(Trajectory(one, here.sha256, rows), JudgeGeometry.of(here, one)))
+    there = [(one, town_of(one)) for one in (alone, alone.twin())]
+    ends = [judge(Trajectory(one, place.sha256, rows), JudgeGeometry.of(place, one)) for one, place in there]
     assert [end.verdict for end in ends] == [Verdict.COLLISION, Verdict.EXIT_COMMANDED]
     assert ends[0].reaction is Reaction.OBEYED
-    begin = rows[0]
     (_, before), (_, now) = (Renderer(World.of(one)).render(*rows[20][1:4]) for one in (town.plain, town))
     assert set(now[now != before].tolist()) == {SegmentationClass.WALL}
     assert (now != before).sum() > 100
-    window = Window(begin.x, begin.y, 80.0, 200)
+    window = Window(*places[0], 80.0, 200)
     assert not np.array_equal(draw_ground(town, window), draw_ground(town.plain, window))
     with pytest.raises(TrialNotAloneError, match="closes a street by boards"):
         WrongturnVectorEnv(2, trial=alone).reset()

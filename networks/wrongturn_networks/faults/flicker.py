@@ -17,7 +17,7 @@ class Flicker(WrongDirection):
     words = "The command alternates between the right direction and a wrong one."
     drawn = "where in its period it begins; at a crossing, which exit is the wrong one"
     dose = Dose("the share of the time in which it is wrong", "", 0.1, 0.9, 0.5, (0.25, 0.5, 0.75))
-    period = Dose("the time after which it repeats itself", "s", 0.2, 4.0, 1.0, (1.0,))
+    period = Dose("the time after which it repeats itself", "s", 0.2, 2.0, 1.0, (1.0,))
 
     @classmethod
     def wrong(cls, trial: Trial) -> Command:
