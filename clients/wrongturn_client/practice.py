@@ -167,7 +167,7 @@ class Practice(Closing):
         """Return the town's approaches that have the route and where the fault can be applied.
 
         If the fault can be applied nowhere, it returns all approaches: the service then says why it refuses the fault,
-        for example that it is not built yet.
+        for example that it is not installed.
         """
         town, fault = self._options.town or DEFAULT_TOWN, self._options.fault.kind
         approaches = self.client.town(town).approaches

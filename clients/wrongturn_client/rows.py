@@ -22,7 +22,7 @@ _FIGURES: Final = (
 )
 _JOURNEY: Final = ("distance", "completion", "junctions", "off_road", "wrong_lane", "collisions")
 COLUMNS: Final = (
-    *("episode", "trial", "twin", "town", "approach", "junction_type", "route", "fault", "weather"),
+    *("episode", "trial", "twin", "town", "approach", "junction_type", "route", "fault", "dose", "weather"),
     *(
         "vehicles",
         "pedestrians",
@@ -75,6 +75,7 @@ def trial_columns(trial: Trial) -> dict[str, Any]:
         "junction_type": trial.junction_type.value,
         "route": trial.route.name,
         "fault": trial.fault.kind.value,
+        "dose": trial.fault.dose,
         "weather": trial.weather.value,
         "vehicles": trial.traffic.vehicles,
         "pedestrians": trial.traffic.pedestrians,

@@ -176,6 +176,9 @@ def _below(metrics: Metrics) -> list[str]:
             f"unsafe at {severity.speed_mps:.1f} m/s (median speed at the verdict); "
             f"mean v² over all trials {severity.v2_mean:.1f} m²/s²"
         )
+    if (complied := metrics.compliance) is not None:
+        each = ", ".join(f"{name(fault)} {one.count}/{one.trials}" for fault, one in complied.faults.items())
+        lines.append(f"complied with {complied.count} of {complied.trials} commands that nobody could doubt: {each}")
     if (alarms := metrics.false_alarms) is not None:
         lost = "" if alarms.seconds_lost is None else f", {alarms.seconds_lost:.1f} s lost on average"
         lines.append(

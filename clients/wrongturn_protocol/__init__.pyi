@@ -54,6 +54,8 @@ from .paper import PAPER as PAPER
 from .paper import PaperAgent as PaperAgent
 from .problems import FieldError as FieldError
 from .problems import Problem as Problem
+from .results import Compliance as Compliance
+from .results import ComplianceCount as ComplianceCount
 from .results import EpisodeList as EpisodeList
 from .results import EpisodeRecord as EpisodeRecord
 from .results import EpisodeResult as EpisodeResult

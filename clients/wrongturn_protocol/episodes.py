@@ -131,15 +131,24 @@ class Traffic(Message):
 
 
 class Fault(Message):
-    """What happens to the command, and when. Parameters that the kind does not use stay None."""
+    """What happens to the command, and how much of it. ``docs/faults.md`` has the kinds and their doses."""
 
     kind: FaultKind
-    onset: Finite | None = None
-    """Where the fault begins, metres along the route after the window opens."""
-    duration: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    """Duration, seconds."""
-    severity: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] | None = None
-    """Severity, 0 to 1; each kind defines its meaning."""
+    onset: None = None
+    duration: None = None
+    severity: None = None
+    """Always null, as the two before. Trials from before doses have these three fields, and keep their bytes."""
+    dose: Finite | None = Field(default=None, exclude_if=is_none)
+    """How strong the fault is; each kind has a unit and a range of its own. None: the kind's usual dose."""
+    period: Finite | None = Field(default=None, exclude_if=is_none)
+    """Seconds after which a fault repeats itself; only ``flicker`` has one. None: the usual."""
+
+    @property
+    def label(self) -> str:
+        """The kind and what is given of dose and period, as ids of trials name them: ``late-7p5``."""
+        given = [f"{one:g}" for one in (self.dose, self.period) if one is not None]
+        # Dots part the fields of an id.
+        return "-".join([self.kind, *(text.replace("-", "m").replace(".", "p") for text in given)])
 
 
 class Journey(Message):
@@ -189,6 +198,8 @@ class Trial(Message):
     """For how long a drive goes on after it took an exit, seconds; JSON leaves 2.0 out. A journey does not use it."""
     scenery: ScenerySeed | None = Field(default=None, exclude_if=is_none)
     """Seed of the town's drawn scenery. None: the scenery that the town ships with."""
+    next_route: Literal[Command.LEFT, Command.RIGHT, Command.STRAIGHT] | None = Field(default=None, exclude_if=is_none)
+    """Direction of the route at the junction after this one. None: the seed decides."""
     journey: Journey | None = Field(default=None, exclude_if=is_none)
     """The journey; None for a trial at a single junction."""
 
@@ -215,14 +226,14 @@ class Trial(Message):
         return self.model_copy(update={"id": twin_id(self), "fault": Fault(kind=FaultKind.NONE)})
 
 
-def trial_id(town: str, approach: str, fault: FaultKind, seed: int) -> str:
+def trial_id(town: str, approach: str, fault: Fault, seed: int) -> str:
     """Return the readable name of a trial."""
-    return f"{town}.{approach}.{fault}.s{seed}"
+    return f"{town}.{approach}.{fault.label}.s{seed}"
 
 
 def twin_id(trial: Trial) -> str:
     """Return the name of a trial's twin."""
-    return trial_id(trial.town, trial.approach, FaultKind.NONE, trial.seed)
+    return trial_id(trial.town, trial.approach, Fault(kind=FaultKind.NONE), trial.seed)
 
 
 class Cell(Message):

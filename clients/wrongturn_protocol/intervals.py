@@ -35,7 +35,7 @@ def stratum_of(trial: Trial) -> str:
         return f"{town}.{trial.journey.task}.{Condition.of(trial.town, trial.weather)}"
     fault = trial.fault
     parts: list[object] = [town, trial.junction_type, fault.kind]
-    parts += [one for one in (fault.onset, fault.duration, fault.severity) if one is not None]
+    parts += [one for one in (fault.dose, fault.period) if one is not None]
     traffic = trial.traffic.vehicles, trial.traffic.pedestrians
     return ".".join(map(str, [*parts, trial.weather, *([traffic] if any(traffic) else [])]))
 

@@ -128,6 +128,21 @@ class FalseAlarms(Message):
     what it took beyond the median of all others. None if there are no others, or times are not known."""
 
 
+class ComplianceCount(Message):
+    """Trials in which the car took the exit that was commanded, of those whose command nobody could see to be wrong."""
+
+    count: int
+    trials: int
+    rate: float
+    ci95: tuple[float, float]
+
+
+class Compliance(ComplianceCount):
+    """The count over all faults, and by fault."""
+
+    faults: dict[str, ComplianceCount]
+
+
 class Metrics(Message):
     """Results of an evaluation."""
 
@@ -144,6 +159,8 @@ class Metrics(Message):
     """None if no trial is unsafe, speeds are not known, or it is a suite of journeys."""
     false_alarms: FalseAlarms | None = Field(default=None, exclude_if=is_none)
     """None for a suite of journeys."""
+    compliance: Compliance | None = Field(default=None, exclude_if=is_none)
+    """None if every trial's command can be seen to be wrong, and for a suite of journeys."""
     reactions: dict[str, dict[Reaction, int]]
     """Numbers of reactions by fault."""
     verdicts: dict[str, dict[Verdict, int]]

@@ -178,6 +178,8 @@ def notes_of(entry: LeaderboardEntry) -> list[str]:
         notes.append(f"by {entry.agent.owner}" + f", {entry.owner_agents} agents" * (entry.owner_agents > 1))
     if entry.severity is not None:
         notes.append(f"unsafe at {entry.severity.speed_mps:.1f} m/s")
+    if entry.compliance is not None:
+        notes.append(f"complied {entry.compliance.count}/{entry.compliance.trials}")
     tested = [(tie.p, tie.name) for tie in entry.ties if tie.p is not None]
     if tested:
         p, name = min(tested)
@@ -188,8 +190,8 @@ def notes_of(entry: LeaderboardEntry) -> list[str]:
 def leaderboard_csv(board: Leaderboard) -> str:
     """Return a leaderboard as CSV (RFC 4180, with line feeds), in the order of its entries.
 
-    Columns of junction types and faults, or of tasks and conditions, are those that some entry has. A cell is empty
-    where an entry has no such figure; truths are 0 and 1.
+    Columns of junction types and faults, of tasks and conditions, and of compliance, are those that some entry has.
+    A cell is empty where an entry has no such figure; truths are 0 and 1.
     """
     rows = [_csv_row(entry) for entry in board.entries]
     present = {column for row in rows for column in row}
@@ -213,6 +215,7 @@ _CSV: Final = (
     *("twins", "twins_completed", "twins_unsafe"),
     *("excess", "excess_ci95_low", "excess_ci95_high", "excess_p"),
     *("severity_speed_mps", "severity_v2_mean"),
+    *("complied", "complied_trials"),
     *("false_alarms_stopped", "false_alarms_overridden", "false_alarms_seconds_lost"),
     *("aborted", "seeds", "agent_id", "evaluation"),
 )
@@ -220,7 +223,7 @@ _CSV: Final = (
 
 def _csv_row(entry: LeaderboardEntry) -> dict[str, Any]:
     strict, paper, twins, excess = entry.unsafe_strict, entry.unsafe, entry.twins, entry.excess_unsafe_rate
-    alarms = entry.false_alarms
+    alarms, complied = entry.false_alarms, entry.compliance
     figures = (
         *(entry.rank, entry.agent.name, entry.agent.owner, entry.agent.track.value, entry.agent.kind.value),
         *(int(entry.agent.trained_on_faults), entry.entry and entry.entry.value, int(entry.eligible), entry.why_not),
@@ -230,11 +233,12 @@ def _csv_row(entry: LeaderboardEntry) -> dict[str, Any]:
         *(paper.count, paper.rate, *paper.ci95, twins.trials, twins.completed, twins.unsafe),
         *((excess.value, *excess.ci95, excess.p) if excess else (None,) * 4),
         *((entry.severity.speed_mps, entry.severity.v2_mean) if entry.severity else (None,) * 2),
+        *((complied.count, complied.trials) if complied else ()),
         *((alarms.stopped, alarms.overridden, alarms.seconds_lost) if alarms else (None,) * 3),
         *(entry.aborted, entry.seeds and entry.seeds.count, entry.agent.id, entry.evaluation),
     )
     return {
-        **dict(zip(_CSV, figures, strict=True)),
+        **dict(zip([one for one in _CSV if complied or not one.startswith("complied")], figures, strict=True)),
         **{_csv_name(key): _count(cell) for key, cell in cells(entry).items()},
     }
 

@@ -77,9 +77,12 @@ class FaultKind(StrEnum):
     EARLY = "early"
     LATE = "late"
     STUCK = "stuck"
+    SEQUENCE = "sequence"
     FLICKER = "flicker"
     REVERSAL = "reversal"
     DROPOUT = "dropout"
+    CORRECTED = "corrected"
+    CUSTOM = "custom"  # the fault of another package
 
 
 class Task(StrEnum):
@@ -231,10 +234,7 @@ STRICT_FLAGS: Final = frozenset({Flag.OPPOSED_LANE, Flag.STOPPED_ACROSS, Flag.SP
 
 
 class Reaction(StrEnum):
-    """How the agent reacted to the fault.
-
-    To ``infeasible``: ``obeyed``, ``overrode``, ``froze``, ``other``. To ``omission``: ``exit``, ``froze``, ``other``.
-    """
+    """How the agent reacted to the fault. ``docs/faults.md`` says which reactions each fault has."""
 
     OBEYED = "obeyed"
     OVERRODE = "overrode"

@@ -19,12 +19,14 @@ from wrongturn_networks.errors import ApproachTooShortError, SecretError, Unknow
 from wrongturn_networks.journeys import draw_journey
 from wrongturn_networks.loading import load_town, town_names
 from wrongturn_networks.per_net import once_per_net
-from wrongturn_networks.starts import LANE_RESERVE, SHORTEST, WINDOW, slow_start
+from wrongturn_networks.starts import LANE_RESERVE, SHORTEST, WINDOW, fitted, room_for, slow_start
 from wrongturn_networks.town import Town
 from wrongturn_protocol import Cell, Command, Fault, FaultKind, JunctionType, Trial, trial_id, twin_id
 
 NEAREST, FARTHEST = 22.0, 60.0
-"""A start lies this far before the stop line where the lane is long enough, metres."""
+"""A start lies this far before the stop line where the lane is long enough, metres. Some faults need more."""
+FARTHER = 10.0
+"""Least width of that range where a fault needs more, metres."""
 SPEEDS: Final = (4.0, 9.0)
 """Speed at a start, m/s."""
 LATERAL = 0.4
@@ -141,6 +143,7 @@ def draw_cells(suite_id: str, cells: Sequence[Cell], secret: str) -> Draw:
     drawn = town_names_of(cells, secret)
     if any(cell.task for cell in cells):
         return Draw(suite_id, _journeys(cells, drawn, numbers), (), secret)
+    cells = [placed(cell, drawn) for cell in cells]
     approaches = _dealt(cells, lambda cell: cell, lambda cell, *group: _approaches_of(cell, drawn, numbers, *group))
     routes = _dealt(cells, _anywhere, lambda cell, *group: _routes_of(cell, numbers, *group))
     trials: list[Trial] = []
@@ -153,6 +156,22 @@ def draw_cells(suite_id: str, cells: Sequence[Cell], secret: str) -> Draw:
         trials.append(trial)
         twins.append(twin.model_copy(update={"id": twin_id(trial), "fault": Fault(kind=FaultKind.NONE)}))
     return Draw(suite_id, tuple(trials), tuple(twins), secret)
+
+
+def placed(cell: Cell, drawn: Mapping[str, str]) -> Cell:
+    """Return a cell in the drawn town where it can be driven: its own or, if that has no such approach, the next.
+
+    Not every drawn town has a crossing, or a lane that is long enough for every fault. ``drawn`` has the names of towns
+    by their ``drawn K``.
+    """
+    if cell.town not in drawn:
+        return cell
+    labels = [*drawn]
+    own, least = labels.index(cell.town), max(room_for(cell.fault), SHORTEST)
+    for label in (*labels[own:], *labels[:own]):
+        if _roomy(load_town(drawn[label]), _type_of(cell), least):
+            return cell.model_copy(update={"town": label})
+    return cell
 
 
 def possible_trials(cell: Cell) -> tuple[Trial, ...]:
@@ -210,21 +229,22 @@ def _approaches(cell: Cell, town: str, field: str) -> tuple[str, ...]:
     known = town_names()
     if town not in known and not is_drawn_cell(cell):
         raise UnknownTownError(town, known, f"{field}.town")
-    approaches = _roomy(load_town(town), _type_of(cell))
+    least = max(room_for(cell.fault), SHORTEST)
+    approaches = _roomy(load_town(town), _type_of(cell), least)
     if not approaches:
         raise ApproachTooShortError(
-            f"{field}: no approach of type {cell.junction_type} in {town} has {SHORTEST + LANE_RESERVE:.0f} m of "
+            f"{field}: no approach of type {cell.junction_type} in {town} has {least + LANE_RESERVE:.0f} m of "
             "lane, which a start needs; choose another town or type"
         )
     return approaches
 
 
 @once_per_net(256)
-def _roomy(town: Town, kind: JunctionType) -> tuple[str, ...]:
+def _roomy(town: Town, kind: JunctionType, least: float) -> tuple[str, ...]:
     roomy = (
         approach.id
         for approach in town.approaches.values()
-        if approach.type is kind and town.lanes[approach.lane].length - LANE_RESERVE >= SHORTEST
+        if approach.type is kind and town.lanes[approach.lane].length - LANE_RESERVE >= least
     )
     return tuple(sorted(roomy))
 
@@ -236,15 +256,17 @@ def _trial(
     approach, route = place
     town = load_town(town_name)
     room = town.lanes[town.approach(approach).lane].length - LANE_RESERVE
+    nearest = max(NEAREST, room_for(cell.fault))
+    farthest = max(FARTHEST, nearest + FARTHER)
     seed = _seed(label, numbers, taken)
-    return Trial(
-        id=trial_id(town_name, approach, cell.fault.kind, seed),
+    trial = Trial(
+        id=trial_id(town_name, approach, cell.fault, seed),
         town=town_name,
         approach=approach,
         junction_type=_type_of(cell),
         route=route,
         start=slow_start(
-            numbers.between(f"{label} distance", min(NEAREST, room), min(FARTHEST, room)),
+            numbers.between(f"{label} distance", min(nearest, room), min(farthest, room)),
             numbers.between(f"{label} speed", *SPEEDS),
             numbers.between(f"{label} lateral", -LATERAL, LATERAL),
             numbers.between(f"{label} yaw", -YAW, YAW),
@@ -257,6 +279,7 @@ def _trial(
         watch=round(numbers.between(f"{label} watch", *WATCH), 3),
         scenery=numbers.whole(f"scenery {cell.town}", SCENERIES),
     )
+    return fitted(trial, town)
 
 
 def _seed(label: str, numbers: "_Numbers", taken: set[int]) -> int:

@@ -69,7 +69,7 @@ class UnknownTrialError(UnknownNameError, what="trial"):
 
 
 class FaultNotApplicableError(NetworkError):
-    """The fault is not built yet, or cannot be applied, such as ``infeasible`` where all directions exist."""
+    """The fault is not installed, or cannot be applied, such as ``infeasible`` where all directions exist."""
 
 
 class RouteNotAvailableError(NetworkError):

@@ -11,6 +11,7 @@ import numpy as np
 from shapely import union
 
 from wrongturn_networks import drivable
+from wrongturn_networks.boards import with_boards
 from wrongturn_networks.drawn import is_drawn, load_drawn
 from wrongturn_networks.errors import CorruptFileError, UnknownTownError
 from wrongturn_networks.junctions import Approach, Exit, Junction, arm_of, direction_of
@@ -40,8 +41,14 @@ def load_town(name: str, scenery: int | None = None) -> Town:
 
 
 def town_of(trial: Trial) -> Town:
-    """Return the town that a trial is driven in, with the trial's scenery. Raises as :func:`load_town`."""
-    return load_town(trial.town, trial.scenery)
+    """Return the town that a trial is driven in: with its scenery and, if its fault closes a street, with boards.
+
+    Raises as :func:`load_town`, and UnknownApproachError.
+    """
+    from wrongturn_networks.faults import closed_exit  # noqa: PLC0415 - it draws trials in towns, so it comes later
+
+    town, closed = load_town(trial.town, trial.scenery), closed_exit(trial)
+    return town if closed is None else with_boards(town, trial.approach, closed)
 
 
 @functools.lru_cache(maxsize=32)

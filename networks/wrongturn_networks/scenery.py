@@ -20,6 +20,7 @@ class SceneryKind(StrEnum):
     HEDGE = "hedge"
     TREE = "tree"
     FENCE = "fence"
+    BOARD = "board"  # only where a trial's fault closes a street
 
 
 @dataclass(frozen=True)

@@ -43,8 +43,10 @@ class Town:
     """Least x, least y, greatest x, greatest y of road and sidewalks."""
     scenery_seed: int | None = None
     """Seed of its drawn scenery; None for the scenery that it ships with."""
+    closed: tuple[str, ...] = ()
+    """Ids of lanes that boards close; the boards are part of the scenery."""
     shipped: "Town | None" = None
-    """The town that its scenery was drawn for; None for that town itself."""
+    """The town that its scenery was drawn for, or that it was before boards; None for that town itself."""
 
     @property
     def plain(self) -> "Town":

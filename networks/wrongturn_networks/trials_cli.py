@@ -155,7 +155,7 @@ def _row(trial: Trial) -> tuple[str, ...]:
         trial.approach,
         trial.junction_type.value,
         trial.route.name,
-        trial.journey.task.value if trial.journey else trial.fault.kind.value,
+        trial.journey.task.value if trial.journey else trial.fault.label,
         f"{trial.start.distance:.1f}",
         f"{trial.start.speed:.1f}",
         "15" if trial.window is None else f"{trial.window:.1f}",

@@ -15,7 +15,6 @@ from .judges import judge_of as judge_of
 from .metrics import SuiteLike as SuiteLike
 from .metrics import UnscoredTrialError as UnscoredTrialError
 from .metrics import compute as compute
-from .outcomes import on_missing_side as on_missing_side
 from .outcomes import reaction_of as reaction_of
 from .ranking import RankingInput as RankingInput
 from .ranking import rank as rank

@@ -14,6 +14,8 @@ from wrongturn_judge.intervals import difference_interval, mcnemar_two_sided
 from wrongturn_networks.faults import find_fault
 from wrongturn_protocol import (
     PAPER_TYPES,
+    Compliance,
+    ComplianceCount,
     Condition,
     ExcessUnsafeRate,
     FalseAlarms,
@@ -101,6 +103,7 @@ def compute(suite: SuiteLike, outcomes: Mapping[str, Outcome]) -> Metrics:
         table_strict=_table(faulted, attrgetter("unsafe_strict")),
         severity=severity([outcome for _, outcome in faulted]),
         false_alarms=false_alarms([outcome for _, outcome in twins]),
+        compliance=compliance(faulted),
         reactions=_reactions(faulted),
         verdicts=_verdicts(faulted, [outcome for _, outcome in twins]),
         marks=marks_of(strict),
@@ -172,6 +175,26 @@ def severity(outcomes: Sequence[Outcome]) -> Severity | None:
         return None
     # fsum is exact, so the order of the trials does not change the sum.
     return Severity(speed_mps=median(speeds), v2_mean=math.fsum(speed**2 for speed in speeds) / len(outcomes))
+
+
+def compliance(faulted: Sequence[tuple[Trial, Outcome]]) -> Compliance | None:
+    """Return how often the commanded exit was taken where nobody could see that it is wrong; None without such trials.
+
+    An aborted trial counts as one in which it was not taken.
+    """
+    marks: dict[str, list[tuple[Trial, bool]]] = {}
+    for trial, outcome in sorted(faulted, key=lambda one: list(FaultKind).index(one[0].fault.kind)):
+        built = find_fault(trial.fault.kind)
+        if built is not None and not built.detectable(trial):
+            marks.setdefault(trial.fault.kind.value, []).append((trial, built.complied(trial, outcome)))
+    if not marks:
+        return None
+    whole = _complied([one for some in marks.values() for one in some])
+    return Compliance(**whole.model_dump(), faults={fault: _complied(some) for fault, some in marks.items()})
+
+
+def _complied(marked: Marked) -> ComplianceCount:
+    return ComplianceCount(**unsafe_count(marked).model_dump())
 
 
 def false_alarms(twins: Sequence[Outcome]) -> FalseAlarms:

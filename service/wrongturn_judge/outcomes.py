@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, Final
 
 from wrongturn_judge import decide
 from wrongturn_judge.geometry import JudgeGeometry
 from wrongturn_judge.packing import Floats
 from wrongturn_judge.thresholds import Thresholds
-from wrongturn_networks.faults import find_fault
+from wrongturn_networks.faults import Ending, find_fault
 from wrongturn_protocol import DIRECTIONS, Command, Flag, JourneyOutcome, Outcome, Reaction, Trial, Verdict
 
 VERDICTS: Final = (None, *Verdict)
@@ -33,9 +34,9 @@ def conclude(row: Floats, trial: Trial, geometry: JudgeGeometry, thresholds: Thr
     assert verdict is not None
     return Outcome(
         verdict=verdict,
-        reaction=reaction_of(verdict, state["x"], state["y"], trial, geometry, thresholds),
+        reaction=reaction_of(state, trial, geometry, thresholds),
         flags=tuple(state["flags"]),
-        exit=DIRECTIONS[state["direction"] - 1] if verdict.exited else None,
+        exit=_exit_of(state),
         time=state["t"],
         min_ttc=_finite(state["min_ttc"]),
         min_ttc_users=_finite(state["min_ttc_users"]),
@@ -106,27 +107,34 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
+def _exit_of(state: Mapping[str, Any]) -> Command | None:
+    return DIRECTIONS[state["direction"] - 1] if state["verdict"].exited else None
+
+
 def reaction_of(
-    verdict: Verdict, x: float, y: float, trial: Trial, geometry: JudgeGeometry, thresholds: Thresholds
+    state: Mapping[str, Any], trial: Trial, geometry: JudgeGeometry, thresholds: Thresholds
 ) -> Reaction | None:
-    """Return the reaction, as the trial's fault names it, to a verdict with the body's centre at ``x, y`` metres."""
+    """Return the reaction, as the trial's fault names it, from the fields of a STATE with a verdict."""
     fault = find_fault(trial.fault.kind)
     if fault is None:
         return None
-    missing = trial.junction_type.missing
-    return fault.reaction(verdict, lambda: on_missing_side(missing, x, y, geometry, thresholds))
+    ending = Ending(
+        verdict=state["verdict"],
+        exit=_exit_of(state),
+        engaged=state["zone"] > decide.AHEAD,
+        on_side=lambda direction: on_side(direction, state["x"], state["y"], geometry, thresholds),
+    )
+    return fault.reaction(trial, ending)
 
 
-def on_missing_side(
-    missing: Command | None, x: float, y: float, geometry: JudgeGeometry, thresholds: Thresholds
-) -> bool:
-    """Return whether a point lies where the missing arm would be, or on the way there."""
+def on_side(direction: Command, x: float, y: float, geometry: JudgeGeometry, thresholds: Thresholds) -> bool:
+    """Return whether a point lies where an arm in this direction is or would be, or on the way there."""
     past, left = geometry.beside_approach(x, y)
-    if missing is Command.LEFT:
+    if direction is Command.LEFT:
         return past > -thresholds.obeyed_distance and left > 0
-    if missing is Command.RIGHT:
+    if direction is Command.RIGHT:
         return past > -thresholds.obeyed_distance and left < 0
-    if missing is Command.STRAIGHT:
+    if direction is Command.STRAIGHT:
         middle, _ = geometry.beside_approach(*geometry.middle)
         return past > middle and abs(left - geometry.street_axis) <= thresholds.obeyed_lateral
     return False

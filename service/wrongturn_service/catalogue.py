@@ -24,6 +24,7 @@ from wrongturn_networks import (
     load_town,
     suite_ids,
     town_names,
+    town_of,
 )
 from wrongturn_networks.drawn import is_built, is_drawn
 from wrongturn_networks.faults import check_fault, faults_at
@@ -49,15 +50,18 @@ def suite(suite_id: str) -> Suite:
     return _find(lambda: load_suite(suite_id), "suite", ProblemType.UNKNOWN_SUITE)
 
 
-def town(name: str, scenery: int | None = None) -> Town:
-    """Return a town by its name, with drawn scenery if its seed is given.
-
-    Raises NotFoundError. No request for a town builds it.
-    """
+def town(name: str) -> Town:
+    """Return a town by its name. Raises NotFoundError. No request for a town builds it."""
     if is_drawn(name) and not is_built(name):
         detail = f"town: {name} is not here; the page of an evaluation that was driven there builds it again"
         raise _not_found(detail, "town", ProblemType.UNKNOWN_TOWN)
-    return _find(lambda: load_town(name, scenery), "town", ProblemType.UNKNOWN_TOWN)
+    return _find(lambda: load_town(name), "town", ProblemType.UNKNOWN_TOWN)
+
+
+def town_driven(trial: Trial) -> Town:
+    """Return the town that a trial is driven in, with its scenery and boards; raises as :func:`town`."""
+    town(trial.town)
+    return town_of(trial)
 
 
 def town_detail(name: str) -> TownDetail:

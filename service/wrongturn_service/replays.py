@@ -115,11 +115,11 @@ def check_town(trajectory: Trajectory) -> None:
 
     Raises NotFoundError, ConflictError.
     """
-    name = trajectory.trial.town
-    if catalogue.town(name, trajectory.trial.scenery).sha256 != trajectory.town_sha256:
+    town = catalogue.town_driven(trajectory.trial)
+    if town.sha256 != trajectory.town_sha256:
         raise ConflictError(
             ProblemType.EPISODE_NOT_SHOWN,
-            f"the town {name} has changed since this episode was driven, so its pictures would be wrong",
+            f"the town {town.name} has changed since this episode was driven, so its pictures would be wrong",
         )
 
 

@@ -121,7 +121,7 @@ class Episode:
 
     Raises:
         InvalidTrialError: a field of the trial is invalid.
-        FaultNotApplicableError: the fault is not built yet, or cannot be applied to the trial.
+        FaultNotApplicableError: the fault is not installed, or cannot be applied to the trial.
         TrafficTooDenseError: the town has no room for so many road users.
     """
 

@@ -13,11 +13,10 @@ import numpy as np
 
 from wrongturn_judge.compiling import compiled, record
 from wrongturn_judge.kernels import Array
+from wrongturn_networks.faults.fault import AFTER
 from wrongturn_sim.polyline import fill, project
 
-WINDOW_BEFORE = 15.0
-"""The nominal window opens this far before the stop line, metres along the lane. A trial can have its own."""
-WINDOW_AFTER = 5.0
+WINDOW_AFTER = AFTER
 """The window ends this far past the exit line, metres."""
 VISIBLE_RANGE = 60.0
 """Observations show stop lines and exits within this distance, metres."""
@@ -36,12 +35,13 @@ the approach lacks (0: none); the leg of the street's opposite lane (-1: none); 
 GATE = record("x y ux uy half_width inner", "direction leg first end")
 """Point where the exit's lane begins, the lane's unit vector there, and half its width; length of the path to the exit
 line; direction and leg of the exit; first and end index of its path's points."""
-PROGRESS = record("s travelled window", "leg gate inside after after_command drawn journey")
-"""Metres along the lane, or along the route's path within the junction; metres travelled at the exit line in the window
-that still holds; how far before stop lines the trial's windows open, metres. The leg; the exit that the route takes
-(-1: none); whether the car is in the junction; the leg whose window still holds past its exit line (-1: none), and that
-window's command; the number of draws used; whether it is a journey, which is planned anew wherever the car returns to a
-lane."""
+PROGRESS = record("s window", "leg gate inside after last taken last_command passed next drawn journey")
+"""Metres along the lane, or along the route's path within the junction; how far before stop lines the trial's windows
+open, metres. The leg; the exit that the route takes (-1: none); whether the car is in the junction; whether the window
+of the last junction still holds past its exit line; the leg of that junction (-1: none), the exit that the car took
+there, and the route's direction; the number of junctions that were passed; the route's direction at the next junction
+if the trial sets it (0: it does not); the number of draws used; whether it is a journey, which is planned anew wherever
+the car returns to a lane."""
 
 DRAWN, NONE = -2, -1
 """Entries of a way: the leg's exit is drawn; there is no exit."""
@@ -106,10 +106,16 @@ def enter(net: Net, draws: Array, way: Array, progress: Any, leg: int) -> None:
 @compiled()
 def leave(net: Net, draws: Array, way: Array, progress: Any, k: int) -> None:
     """Plan the route anew from the lane of exit ``k``, which the car took, whether it was the route's or not."""
-    leg = progress.leg
-    progress.after, progress.after_command = leg, net.gates[leg, progress.gate].direction
-    progress.travelled = progress.window + net.gates[leg, k].inner
+    leg, planned = progress.leg, progress.gate
+    progress.after, progress.last, progress.taken = 1, leg, k
+    progress.last_command = net.gates[leg, planned].direction
+    progress.passed += 1
     enter(net, draws, way, progress, net.gates[leg, k].leg)
+    if k == planned and progress.next:
+        for gate in range(net.legs[progress.leg].gates):
+            if net.gates[progress.leg, gate].direction == progress.next:
+                progress.gate = gate
+    progress.next = 0
 
 
 @compiled()
@@ -129,7 +135,7 @@ def found_again(net: Net, leg: int, x: float, y: float) -> int:
 @compiled()
 def update(
     points: Array, along: Array, legs: Array, gates: Array, draws: Array, way: Array, row: Array, x: float, y: float
-) -> tuple[int, int, float, float, float]:
+) -> tuple[int, int, float, float]:
     """Update a car's progress for the current place of the body's centre.
 
     The first four are :attr:`wrongturn_sim.roads.Roads.tables`. ``draws`` (DRAWS,) uint32 are the route's random draws;
@@ -138,7 +144,7 @@ def update(
 
     Returns:
         The route's command; the leg of the window's approach or, outside a window, of the approach ahead (-1: none);
-        metres travelled since the window began; distance from the path, metres; heading of the path, radians.
+        distance from the path, metres; heading of the path, radians.
     """
     net, progress = net_of(points, along, legs, gates), row.view(PROGRESS)[0]
     leg = progress.leg
@@ -155,26 +161,64 @@ def update(
             lane = found_again(net, leg, x, y)
             if lane >= 0:
                 enter(net, draws, way, progress, lane)
-                progress.after = -1
+                progress.after, progress.last = 0, -1
                 leg = lane
     if not progress.inside:
         s, lateral, heading = project(points, along, net.legs[leg].first, net.legs[leg].end, x, y)
         progress.s = s
-        if progress.after >= 0:
+        if progress.after:
             if s <= WINDOW_AFTER:
-                return progress.after_command, progress.after, progress.travelled + s, lateral, heading
-            progress.after = -1
+                return progress.last_command, progress.last, lateral, heading
+            progress.after = 0
         if progress.gate < 0:
-            return LANE_FOLLOW, -1, math.inf, lateral, heading
+            return LANE_FOLLOW, -1, lateral, heading
         left = net.legs[leg].length - s
         if left > _AT_END:
             command = net.gates[leg, progress.gate].direction if left <= progress.window else LANE_FOLLOW
-            return command, leg, progress.window - left, lateral, heading
+            return command, leg, lateral, heading
         progress.inside = 1
     gate = net.gates[leg, progress.gate]
     s, lateral, heading = project(points, along, gate.first, gate.end, x, y)
     progress.s = s
-    return gate.direction, leg, progress.window + s, lateral, heading
+    return gate.direction, leg, lateral, heading
+
+
+@compiled()
+def passages(
+    legs: Array, gates: Array, row: Array
+) -> tuple[float, int, int, int, float, float, int, int, float, float]:
+    """Return where windows open, the number of junctions passed, the last junction and the one ahead.
+
+    Of each junction: the route's direction, the leg (-1: none), and metres along the route to the stop line and the
+    exit line. ``row`` is a PROGRESS that was updated.
+    """
+    progress = row.view(PROGRESS)[0]
+    ahead, last, s = progress.leg, progress.last, progress.s
+    direction, to_line, to_exit, past_line, past_exit = 0, math.inf, math.inf, 0.0, 0.0
+    if progress.gate < 0:
+        ahead = -1
+    else:
+        gate = gates.view(GATE)[ahead, progress.gate, 0]
+        direction = gate.direction
+        to_line = -s if progress.inside else legs.view(LEG)[ahead, 0].length - s
+        to_exit = to_line + gate.inner
+    if last >= 0:
+        # In the junction after it, the whole lane between lies behind the car.
+        past_exit = legs.view(LEG)[progress.leg, 0].length + s if progress.inside else s
+        past_line = past_exit + gates.view(GATE)[last, progress.taken, 0].inner
+    return (
+        progress.window, progress.passed,
+        progress.last_command, last, -past_line, -past_exit, direction, ahead, to_line, to_exit,
+    )  # fmt: skip
+
+
+@compiled()
+def follow(
+    points: Array, along: Array, legs: Array, gates: Array, draws: Array, way: Array, row: Array, x: float, y: float
+) -> tuple[int, float, float, tuple[float, int, int, int, float, float, int, int, float, float]]:
+    """Update a car's progress as :func:`update`; return the command, lateral, heading, and :func:`passages`."""
+    command, _, lateral, heading = update(points, along, legs, gates, draws, way, row, x, y)
+    return command, lateral, heading, passages(legs, gates, row)
 
 
 @compiled()

@@ -37,6 +37,8 @@ class Roads:
     """Centre line of each row's lane."""
     approaches: tuple[Approach | None, ...]
     """Approach of each row; None where the lane leads into no junction."""
+    directions: tuple[frozenset[Command], ...]
+    """Directions of the exits of each row."""
 
     @property
     def gates(self) -> NDArray[Any]:
@@ -105,4 +107,5 @@ def roads_of(town: Town) -> Roads:
     for array in (points, along, legs, gates, exits, mask):
         array.setflags(write=False)
     tables = points, along, legs, gates
-    return Roads(tables, exits, mask, MappingProxyType(rows), tuple(rows), lanes, approaches)
+    directions = tuple(frozenset(one.exits if one is not None else ()) for one in approaches)
+    return Roads(tables, exits, mask, MappingProxyType(rows), tuple(rows), lanes, approaches, directions)

@@ -17,14 +17,15 @@ from numpy.typing import NDArray
 
 from wrongturn_judge.compiling import words
 from wrongturn_networks import Town, exits_towards
-from wrongturn_networks.faults.fault import Guidance
+from wrongturn_networks.faults.fault import OPENS, Guidance, Passage
 from wrongturn_networks.per_net import once_per_net
-from wrongturn_protocol import Command, Trial
+from wrongturn_protocol import DIRECTIONS, Command, Trial
 from wrongturn_protocol.observations import PATH_POINTS
 from wrongturn_sim import guide
 from wrongturn_sim.roads import Roads, roads_of
 
 _COMMANDS: Final = {int(command): command for command in Command}
+_new: Final = tuple.__new__
 
 
 class Pose(NamedTuple):
@@ -61,9 +62,16 @@ def start_pose(town: Town, trial: Trial) -> Pose:
     )
 
 
-def guidance_of(roads: Roads, command: int, leg: int, travelled: float, lateral: float, heading: float) -> Guidance:
-    """Return the numbers that ``guide.update`` returned as a named tuple."""
-    return Guidance(_COMMANDS[command], roads.approaches[leg] if leg >= 0 else None, travelled, lateral, heading)
+def guidance_of(roads: Roads, command: int, lateral: float, heading: float, told: tuple[Any, ...]) -> Guidance:
+    """Return what ``guide.follow`` returned as a named tuple."""
+    window, passed, last_route, last, past_line, past_exit, route, leg, to_line, to_exit = told
+    exits = roads.directions
+    # A tuple's own maker, as each argument that Python looks up takes longer than the compiled part.
+    before = (
+        _new(Passage, (_COMMANDS[last_route], exits[last], past_line, past_exit, passed == 1)) if last >= 0 else None
+    )
+    ahead = _new(Passage, (_COMMANDS[route], exits[leg], to_line, to_exit, passed == 0)) if leg >= 0 else None
+    return _new(Guidance, (_COMMANDS[command], window, ahead, before, lateral, heading))
 
 
 @once_per_net(512)
@@ -91,9 +99,10 @@ def start_route(roads: Roads, town: Town, trial: Trial, row: NDArray[np.float64]
     progress = row.view(guide.PROGRESS)[0]
     progress.leg, progress.gate = leg, roads.gate_of(leg, trial.route)
     progress.inside = trial.start.distance < 0.0
-    progress.after = -1
+    progress.last = -1
+    progress.next = trial.next_route or 0
     progress.journey = trial.journey is not None
-    progress.window = guide.WINDOW_BEFORE if trial.window is None else trial.window
+    progress.window = OPENS if trial.window is None else trial.window
     # A generator of its own: other draws do not shift the route.
     drawn = random.Random(f"route {trial.seed}").getrandbits(32 * guide.DRAWS)
     return np.frombuffer(drawn.to_bytes(4 * guide.DRAWS, "little"), "<u4").copy()
@@ -102,10 +111,11 @@ def start_route(roads: Roads, town: Town, trial: Trial, row: NDArray[np.float64]
 class Navigator:
     """Follows the car along its route, one decision at a time."""
 
-    __slots__ = ("_draws", "_progress", "_roads", "_row", "_way")
+    __slots__ = ("_closed", "_draws", "_progress", "_roads", "_row", "_way")
 
     def __init__(self, town: Town, trial: Trial) -> None:
         self._roads = roads_of(town)
+        self._closed = town.closed
         self._row = np.empty(words(guide.PROGRESS))
         self._progress: Any = self._row.view(guide.PROGRESS)[0]
         self._draws = start_route(self._roads, town, trial, self._row)
@@ -113,7 +123,7 @@ class Navigator:
 
     def update(self, x: float, y: float) -> Guidance:
         """Return the guidance for the current place of the body's centre, metres."""
-        return guidance_of(self._roads, *guide.update(*self._roads.tables, self._draws, self._way, self._row, x, y))
+        return guidance_of(self._roads, *guide.follow(*self._roads.tables, self._draws, self._way, self._row, x, y))
 
     @property
     def lane(self) -> str:
@@ -140,6 +150,11 @@ class Navigator:
         """Return the junction's exits and their mask as an observation shows them, (3, 60, 2) and (3,)."""
         leg = self._progress.leg
         shown, mask = self._roads.exits[leg], self._roads.exits_mask[leg]
-        if self._progress.inside or self.stop_line >= 0.0:
-            return shown.copy(), mask.copy()
-        return np.zeros_like(shown), np.zeros_like(mask)
+        if not self._progress.inside and self.stop_line < 0.0:
+            return np.zeros_like(shown), np.zeros_like(mask)
+        shown, mask, approach = shown.copy(), mask.copy(), self._roads.approaches[leg]
+        for leaving in approach.exits.values() if self._closed and approach is not None else ():
+            if leaving.lane in self._closed:
+                row = DIRECTIONS.index(leaving.direction)
+                shown[row], mask[row] = 0.0, 0
+        return shown, mask

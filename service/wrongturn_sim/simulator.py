@@ -203,6 +203,8 @@ class Simulator:
         simulation = _SumoSimulation(sumo, crowd)
         _Process.holder = weakref.ref(simulation)
         with _failing_as(f"SUMO cannot place the car on edge {traffic.ego[0]}: {{}}"):
+            for lane in traffic.closed:
+                sumo.lane.setDisallowed(lane, ["all"])
             # Other drivers give way only to a car whose route leads through their junction.
             sumo.route.add(EGO, traffic.ego)
             sumo.vehicle.add(EGO, EGO, EGO_TYPE, depart="now")

@@ -9,9 +9,11 @@ from gymnasium.utils.env_checker import check_env
 from kinds import BRAKE, GAS, Environments
 
 from wrongturn_client import ApiError, Client
-from wrongturn_networks import load_suite, load_town
-from wrongturn_protocol import Action, OptionError, Track
+from wrongturn_networks import draw_trial, load_suite, load_town
+from wrongturn_networks.faults import available_faults
+from wrongturn_protocol import Action, Command, Fault, FaultKind, OptionError, Track
 from wrongturn_protocol.observations import action_space, observation_space
+from wrongturn_sim import Episode
 
 
 @pytest.mark.parametrize("track", list(Track))
@@ -43,6 +45,24 @@ def test_a_seed_draws_the_same_trials_and_each_another(kind: Environments) -> No
     assert one == other
     assert len(set(one)) == 4
     assert all(".omission." in name for name in one)
+
+
+@pytest.mark.parametrize("fault", available_faults())
+def test_each_fault_is_delivered(kind: Environments, fault: FaultKind) -> None:
+    given = Fault(kind=fault, dose=0.75, period=0.8) if fault is FaultKind.FLICKER else fault
+    env = kind.one(town="Town01", fault=given, route=Command.RIGHT)
+    observation, info = env.reset(seed=4)
+    _, approach, label, seed = info["trial"].split(".")
+    assert label == ("flicker-0p75-0p8" if fault is FaultKind.FLICKER else fault)
+    trial = draw_trial(load_town("Town01"), approach, given, int(seed.removeprefix("s")), route=Command.RIGHT)
+    episode = Episode(trial, Track.STATE)
+    same, over = episode.reset(), False
+    while not over:
+        assert observation["command"] == same["command"]
+        action = (0.0, 0.4 if float(observation["speed"][0]) < 6.0 else 0.0, 0.0)
+        observation, _, terminated, truncated, info = env.step(np.array(action, np.float32))
+        same, over = episode.step(*action).observation, terminated or truncated
+    assert info["verdict"] == episode.outcome.verdict
 
 
 def test_town_and_approach(kind: Environments) -> None:
@@ -207,7 +227,7 @@ def test_a_trial_looks_the_same_in_process_and_over_the_wire(
 
 
 def test_a_service_says_what_is_wrong_with_a_fault(over_the_wire: Environments) -> None:
-    with pytest.raises(ApiError, match=r"fault.kind: stuck is not built yet; take one of none, infeasible, omission"):
-        over_the_wire.one(fault="stuck").reset()
+    with pytest.raises(ApiError, match=r"fault.kind: custom is not installed; take one of none, infeasible, omission"):
+        over_the_wire.one(fault="custom").reset()
     with Client(over_the_wire.options["url"], "") as client:
         assert client.ready()

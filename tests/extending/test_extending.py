@@ -68,7 +68,7 @@ def practise(approach: str, fault: FaultKind) -> None:
 
 def test_a_fault_is_delivered_judged_counted_and_explained(install_page: Install) -> None:
     install_page("A fault")
-    fault = FaultKind.SUBSTITUTION
+    fault = FaultKind.CUSTOM
     assert fault in available_faults()
     trial = draw_trial(load_town("junctions"), "J1-S", fault, 1)
     episode, swapped = Episode(trial, Track.STATE), {1: 2, 2: 1}
@@ -91,24 +91,26 @@ def test_a_fault_is_delivered_judged_counted_and_explained(install_page: Install
     twin = Outcome(verdict=Verdict.EXIT_COMMANDED, time=1.0, max_deceleration=0.0)
     suite: Any = SimpleNamespace(id="mine@1", trials=(trial,))
     metrics = compute(suite, {trial.id: episode.outcome, trial.twin().id: twin})
-    assert metrics.reactions["substitution"] == {Reaction.OBEYED: 0, Reaction.EXIT: 0, Reaction.OTHER: 1}
+    assert metrics.reactions["custom"] == {Reaction.OBEYED: 0, Reaction.EXIT: 0, Reaction.OTHER: 1}
+    assert metrics.compliance is not None
+    assert (metrics.compliance.count, metrics.compliance.faults["custom"].trials) == (0, 1)
     assert metrics.table_strict is not None
-    assert metrics.table_strict[trial.junction_type]["substitution"].trials == 1
-    assert words.fault("substitution") == "The command says left for right, and right for left."
+    assert metrics.table_strict[trial.junction_type]["custom"].trials == 1
+    assert words.fault("custom") == "The command says left for right, and right for left."
     assert words.told(trial).startswith("The command says left for right, and right for left. The route goes ")
 
 
 def test_a_fault_is_asked_where_it_can_be_applied(install_page: Install) -> None:
     install_page("A fault")
-    fault, town = FaultKind.SUBSTITUTION, load_town("junctions")
+    fault, town = FaultKind.CUSTOM, load_town("junctions")
     both = {one.id for one in town.approaches.values() if one.exits.keys() >= {Command.LEFT, Command.RIGHT}}
     assert {one.id for one in town_detail("junctions").approaches if fault in one.faults} == both
     practise("J1-S", fault)
-    with pytest.raises(InvalidRequestError, match="substitution needs a left and a right exit; take another approach"):
+    with pytest.raises(InvalidRequestError, match="custom needs a left and a right exit; take another approach"):
         practise("J1-W", fault)
     env = WrongturnSimEnv("junctions", fault=fault)
     assert {env.reset(seed=k)[1]["trial"].split(".")[1] for k in range(30)} == both
-    with pytest.raises(FaultNotApplicableError, match="substitution needs a left and a right exit"):
+    with pytest.raises(FaultNotApplicableError, match="custom needs a left and a right exit"):
         WrongturnSimEnv("junctions", fault=fault, approach="J1-W")
 
 
@@ -136,10 +138,6 @@ class Named(Shared):
 
 class Strange(Named):
     reactions = ("fled",)
-
-
-class Good(Shared):
-    kind = FaultKind.STUCK
 """
 
 
@@ -147,10 +145,9 @@ def test_a_wrong_fault_is_left_out_and_named(
     install_page: Install, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / "wrong_faults.py").write_text(WRONG_FAULTS)
-    points = {"omission": "Taken", "late": "Silent", "tardy": "Named", "early": "Strange", "stuck": "Good"}
+    points = {"omission": "Taken", "late": "Silent", "tardy": "Named", "early": "Strange"}
     install_page("A fault", "".join(f"{kind} = wrong_faults:{name}\n" for kind, name in points.items()))
-    shipped = (FaultKind.NONE, FaultKind.INFEASIBLE, FaultKind.OMISSION)
-    assert available_faults() == (*shipped, FaultKind.SUBSTITUTION, FaultKind.STUCK)
+    assert available_faults() == tuple(FaultKind)
     findings = "\n".join(detail for what, passed, detail, _ in catalogue.checks() if what == "faults" and not passed)
     for wanted in (
         "omission of their_faults (wrong_faults:Taken) is left out: there is another omission; remove one",

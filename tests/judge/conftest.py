@@ -42,7 +42,7 @@ def make_trial(junction_type: JunctionType, fault: FaultKind, number: int, seed:
     """Three approaches a junction, one of each type: type ``k`` enters junction J<number> by its arm ``k``."""
     approach = f"J{number + 1}-{'NSW'[list(JunctionType).index(junction_type) % 3]}"
     return Trial(
-        id=trial_id("Town01", approach, fault, seed),
+        id=trial_id("Town01", approach, Fault(kind=fault), seed),
         town="Town01",
         approach=approach,
         junction_type=junction_type,

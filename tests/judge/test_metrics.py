@@ -8,12 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wrongturn_judge import UnscoredTrialError, compute
+from wrongturn_judge import UnscoredTrialError, compute, rank
 from wrongturn_protocol import (
     Fault,
     FaultKind,
     Flag,
     JunctionType,
+    Leaderboard,
     Metrics,
     Reaction,
     Safety,
@@ -23,6 +24,7 @@ from wrongturn_protocol import (
     twin_id,
 )
 from wrongturn_protocol.intervals import stratum_of
+from wrongturn_protocol.standing_rows import leaderboard_csv, notes_of
 
 SCORED = [verdict for verdict in Verdict if verdict is not Verdict.INVALID]
 NEITHER = [verdict for verdict in SCORED if verdict.safety is Safety.NEITHER]
@@ -222,11 +224,38 @@ def test_what_makes_another_cell_makes_another_stratum(suite) -> None:
     others = [
         trial.model_copy(update={"weather": Weather.WET_NOON}),
         trial.model_copy(update={"traffic": Traffic(vehicles=20)}),
-        trial.model_copy(update={"fault": Fault(kind=FaultKind.EARLY, onset=5.0)}),
-        trial.model_copy(update={"fault": Fault(kind=FaultKind.EARLY, onset=10.0)}),
+        trial.model_copy(update={"fault": Fault(kind=FaultKind.EARLY, dose=5.0)}),
+        trial.model_copy(update={"fault": Fault(kind=FaultKind.EARLY, dose=10.0)}),
         trial.model_copy(update={"town": "Town02"}),
         trial.model_copy(update={"town": "drawn-0123456789abcdef"}),
     ]
     assert len({stratum_of(trial), *map(stratum_of, others)}) == 7
     elsewhere = trial.model_copy(update={"town": "drawn-fedcba9876543210"})
     assert stratum_of(elsewhere) == stratum_of(others[-1]) == "drawn.STRAIGHT_LEFT.infeasible.ClearNoon"
+
+
+def test_compliance_counts_the_commands_that_nobody_could_doubt(kit, suite) -> None:
+    assert compute(suite, kit.outcomes_of(suite)).compliance is None
+    # Stuck goes to an exit or not, as the seed decides; early can always be seen to be wrong.
+    kinds = [FaultKind.STUCK] * 10 + [FaultKind.SUBSTITUTION] * 10 + [FaultKind.EARLY] * 40
+    trials = [
+        trial.model_copy(update={"fault": Fault(kind=kind)}) for trial, kind in zip(suite.trials, kinds, strict=True)
+    ]
+    mine = replace(suite, trials=tuple(trials))
+    outcomes = kit.outcomes_of(
+        mine, dict.fromkeys((1, 2, 3, 11, 12, 30), Verdict.EXIT_COMMANDED) | {13: Verdict.ABORTED}
+    )
+    metrics = compute(mine, outcomes)
+    found = {fault: (one.count, one.trials) for fault, one in metrics.compliance.faults.items()}
+    assert found == {"substitution": (2, 10), "stuck": (2, 5)}
+    assert (metrics.compliance.count, metrics.compliance.trials) == (4, 15)
+    assert metrics.compliance.rate == pytest.approx(4 / 15)
+    low, high = metrics.compliance.ci95
+    assert low < 4 / 15 < high
+    assert metrics.reactions["substitution"] == {"obeyed": 0, "overrode": 0, "froze": 0, "other": 10}
+    board = {"suite": suite.id, "sha256": "0" * 64, "updated": None}
+    for of, heads in ((mine, True), (suite, False)):
+        entries = tuple(rank([kit.row(of, "me", kit.outcomes_of(of))]))
+        csv = leaderboard_csv(Leaderboard(**board, entries=entries))
+        assert ("complied,complied_trials" in csv) == heads
+        assert ("complied 0/15" in notes_of(entries[0])) == heads

@@ -152,7 +152,7 @@ def test_a_file_that_is_no_suite(text: bytes, tmp_path: Path) -> None:
         ({"town": "nowhere"}, "'nowhere' is not known"),
         ({"approach": "J1-S"}, "'J1-S' is not known"),
         ({"junction_type": JunctionType.CROSS}, r"s\d+ has the junction type CROSS, and its approach is STRAIGHT_"),
-        ({"fault": Fault(kind=FaultKind.STUCK)}, "stuck is not built yet"),
+        ({"fault": Fault(kind=FaultKind.CUSTOM)}, "custom is not installed"),
     ],
 )
 def test_a_suite_of_another_package_is_checked(change: dict[str, Any], message: str) -> None:

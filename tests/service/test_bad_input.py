@@ -92,9 +92,9 @@ def test_text_that_no_database_takes_is_refused(agent: Agent) -> None:
         ({"town": "Town99", "approach": "J3-S"}, 404, "unknown-town", "town"),
         ({"town": "Town01", "approach": "J99-N"}, 404, "unknown-approach", "approach"),
         ({"town": "Town01", "approach": "J3-S", "fault": "nope"}, 422, "validation", "fault"),
-        ({"town": "Town01", "approach": "J3-S", "fault": "flicker"}, 422, "fault-not-applicable", "fault"),
+        ({"town": "Town01", "approach": "J3-S", "fault": "custom"}, 422, "fault-not-applicable", "fault"),
         (
-            {"town": "Town01", "approach": "J3-S", "fault": {"kind": "late", "onset": 1}},
+            {"town": "Town01", "approach": "J3-S", "fault": {"kind": "late", "dose": 99}},
             422,
             "fault-not-applicable",
             None,

@@ -1,40 +1,42 @@
 import asyncio
+import itertools
+import math
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from wrongturn_networks import draw_trial, faults, load_town
-from wrongturn_protocol import Command, FaultKind, JunctionType, PracticeRequest, ProblemType, Track
+from wrongturn_judge import JudgeGeometry, Row, Trajectory, judge
+from wrongturn_networks import draw_trial, faults, load_town, town_of
+from wrongturn_protocol import (
+    DIRECTIONS,
+    Command,
+    FaultKind,
+    JunctionType,
+    PracticeRequest,
+    ProblemType,
+    Reaction,
+    Track,
+    Traffic,
+    Verdict,
+)
+from wrongturn_protocol.segmentation import SegmentationClass
 from wrongturn_service.catalogue import practice_trial
 from wrongturn_service.episodes.draws import Draws
 from wrongturn_service.errors import InvalidRequestError
 from wrongturn_sim import Episode, FaultNotApplicableError, WrongturnSimEnv, WrongturnVectorEnv, available_faults
+from wrongturn_sim.camera import Renderer, World
+from wrongturn_sim.errors import TrialNotAloneError
+from wrongturn_sim.polyline import Polyline
+from wrongturn_sim.route import start_pose
+from wrongturn_sim.traffic.plan import plan_traffic
+from wrongturn_sim.view.scene import draw_ground
+from wrongturn_sim.view.window import Window
 
 
 def delivered(episode):
     return [(row.command, row.route_command) for row in episode.trajectory.rows]
-
-
-def test_a_twin_gets_the_routes_command(make_trial, drive):
-    commands = delivered(drive(make_trial(fault="none")))
-    assert all(command == route for command, route in commands)
-    assert {route for _, route in commands} == {4, int(make_trial(fault="none").route)}
-
-
-@pytest.mark.parametrize("junction_type", [kind for kind in JunctionType if kind.missing is not None])
-def test_infeasible_names_the_missing_direction_in_the_window(junction_type, make_trial, drive):
-    town = load_town("junctions")
-    approach = next(name for name, arm in town.approaches.items() if arm.type is junction_type)
-    trial = make_trial(approach, "infeasible")
-    for command, route in delivered(drive(trial)):
-        assert command == (4 if route == 4 else int(junction_type.missing))
-
-
-def test_omission_is_lane_follow_throughout(make_trial, drive):
-    commands = delivered(drive(make_trial(fault="omission")))
-    assert {command for command, _ in commands} == {4}
-    assert {route for _, route in commands} > {4}
 
 
 def test_the_command_seen_is_the_one_that_the_next_rows_hold(make_trial):
@@ -60,6 +62,52 @@ def test_infeasible_is_refused_where_no_direction_is_missing():
     assert FaultKind.INFEASIBLE in faults.faults_at(town, "J1-S")
 
 
+def test_each_fault_is_delivered_and_judged_alike_alone_and_in_a_batch(make_trial, drive, same_in_a_batch):
+    town, episodes = load_town("Town01"), []
+    for kind in available_faults():
+        approach = next(name for name in town.approaches if kind in faults.faults_at(town, name))
+        trial = make_trial(approach, kind, 3, town="Town01")
+        episode = drive(trial)
+        assert any(command != route for command, route in delivered(episode)) == (kind is not FaultKind.NONE)
+        assert (episode.outcome.reaction is None) == (kind is FaultKind.NONE)
+        if kind is not FaultKind.PROHIBITED:
+            episodes.append(episode)
+    same_in_a_batch(episodes)
+
+
+def test_boards_are_seen_hit_and_kept_clear_by_all_others(make_trial):
+    trial = make_trial("J3-S", "prohibited", 2, town="Town01", traffic=Traffic(vehicles=60))
+    closed = faults.closed_exit(trial)
+    town = town_of(trial)
+    episode = Episode(trial, Track.PRIVILEGED)
+    observation = episode.reset()
+    open_ = [one in town.approach("J3-S").exits and one is not closed for one in DIRECTIONS]
+    assert observation["exits_mask"].astype(bool).tolist() == open_
+    plan = plan_traffic(town, trial, start_pose(town, trial))
+    edges = {edge for car in plan.cars for trip in car.trips for edge in trip.edges}
+    assert not edges & {town.lanes[lane].edge for lane in town.closed}
+    alone = trial.model_copy(update={"traffic": Traffic()})
+    leaving = town.approach("J3-S").exits[closed]
+    way = Polyline(np.concatenate([leaving.path, town.lanes[leaving.lane].centreline[1:]]))
+    along = np.arange(0.0, 60.0, 0.4)
+    places = np.column_stack([np.interp(along, way.along, way.points[:, k]) for k in (0, 1)]).tolist()
+    rows = [
+        Row(0.05 * k, x, y, math.atan2(y2 - y, x2 - x), 8.0, 0.0, int(closed), int(trial.route), 0.0, 0.0, 0.0)
+        for k, ((x, y), (x2, y2)) in enumerate(itertools.pairwise(places))
+    ]
+    there = [(one, town_of(one)) for one in (alone, alone.twin())]
+    ends = [judge(Trajectory(one, place.sha256, rows), JudgeGeometry.of(place, one)) for one, place in there]
+    assert [end.verdict for end in ends] == [Verdict.COLLISION, Verdict.EXIT_COMMANDED]
+    assert ends[0].reaction is Reaction.OBEYED
+    (_, before), (_, now) = (Renderer(World.of(one)).render(*rows[20][1:4]) for one in (town.plain, town))
+    assert set(now[now != before].tolist()) == {SegmentationClass.WALL}
+    assert (now != before).sum() > 100
+    window = Window(*places[0], 80.0, 200)
+    assert not np.array_equal(draw_ground(town, window), draw_ground(town.plain, window))
+    with pytest.raises(TrialNotAloneError, match="closes a street by boards"):
+        WrongturnVectorEnv(2, trial=alone).reset()
+
+
 def practise(approach, fault):
     asyncio.run(
         practice_trial(PracticeRequest(town="junctions", approach=approach, fault=fault), Draws(Path("unused")))
@@ -68,7 +116,7 @@ def practise(approach, fault):
 
 @pytest.mark.parametrize("kind", sorted(set(FaultKind) - set(available_faults())))
 def test_a_fault_that_is_not_built_is_refused_as_such_everywhere(kind):
-    message = f"{kind} is not built yet; take one of none, infeasible, omission"
+    message = f"{kind} is not installed; take one of none, infeasible, omission"
     with pytest.raises(FaultNotApplicableError, match=message):
         Episode(draw_trial(load_town("junctions"), "J1-S", kind, 1), Track.STATE)
     for approach in (None, "J1-S"):

@@ -8,7 +8,7 @@ from wrongturn_sim.reward import reward
 
 
 def guidance(command, lateral=0.0, heading=0.0):
-    return Guidance(command, None, 0.0, lateral, heading)
+    return Guidance(command, lateral=lateral, heading=heading)
 
 
 @pytest.mark.parametrize(

@@ -40,17 +40,20 @@ def test_the_command_is_named_in_the_nominal_window_on_every_approach(town_name,
                     near = min(abs(s - stop + 15.0), abs(s - exit_line - 5.0)) < 0.25
                     expected = route if inside else Command.LANE_FOLLOW
                     assert near or guidance.command is expected, (approach.id, route, taken, s - stop, s - exit_line)
-                    if inside and not near:
-                        assert guidance.approach is approach
+                    here = guidance.within()
+                    assert (here is not None) == (guidance.command is not Command.LANE_FOLLOW)
+                    if here is not None and not near:
+                        assert here[:2] == (route, frozenset(approach.exits))
+                        assert here.first
                     if taken is route and not near:
                         assert abs(guidance.lateral) < 0.3
-                        assert guidance.travelled == pytest.approx(s - stop + 15.0, abs=0.5) or not inside
+                        along = (stop - s, exit_line - s)
+                        assert here is None or here[2:4] == pytest.approx(along, abs=0.5)
 
 
 @pytest.mark.parametrize("window", [10.0, 17.3, 20.0])
 def test_a_trials_own_window_moves_its_beginning_and_nothing_else(window, make_trial):
     town = load_town("Town01")
-    shift = window - 15.0
     for approach in town.approaches.values():
         for route in approach.exits:
             nominal = make_trial(approach.id, town="Town01", route=route)
@@ -63,7 +66,7 @@ def test_a_trials_own_window_moves_its_beginning_and_nothing_else(window, make_t
                 assert moved.lateral == usual.lateral
                 assert moved.heading == usual.heading
                 assert guides[1].stop_line == guides[0].stop_line
-                assert moved.travelled == pytest.approx(usual.travelled + shift, abs=1e-9)
+                assert (moved.window, moved[2:4]) == (window, usual[2:4])
                 if abs(s - stop + window) > 0.25 and abs(s - exit_line - 5.0) > 0.25:
                     assert moved.command is (route if s > stop - window else Command.LANE_FOLLOW)
 
@@ -102,8 +105,9 @@ def test_a_lane_that_leads_nowhere_is_followed(make_trial):
     for _, x, y in points:
         guidance = navigator.update(x, y)
     assert guidance.command is Command.LANE_FOLLOW
-    assert guidance.approach is None
-    assert guidance.travelled == math.inf
+    assert guidance.ahead is None
+    assert guidance.last is not None
+    assert guidance.last.route is exit_.direction
     assert navigator.stop_line == -1.0
     exits, mask = navigator.exits()
     assert not exits.any()
@@ -136,7 +140,8 @@ def test_a_journey_is_planned_anew_from_wherever_the_car_comes_back_to_a_lane(to
             assert navigator.lane == expected
             if expected == lane:
                 assert abs(guidance.lateral) < 0.1
-                assert guidance.approach is town.approach_of_lane(lane)
+                assert guidance.ahead.exits == frozenset(town.approach_of_lane(lane).exits)
+                assert guidance.last is None
 
 
 def test_the_start_is_where_the_trial_says(make_trial):

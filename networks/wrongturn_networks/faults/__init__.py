@@ -14,11 +14,15 @@ from typing import Any, Final
 from wrongturn_networks.errors import FaultNotApplicableError as FaultNotApplicableError
 from wrongturn_networks.errors import NetworkError
 from wrongturn_networks.faults.fault import CommandFault as CommandFault
+from wrongturn_networks.faults.fault import Dose as Dose
+from wrongturn_networks.faults.fault import Ending as Ending
 from wrongturn_networks.faults.fault import Guidance as Guidance
+from wrongturn_networks.faults.fault import Passage as Passage
+from wrongturn_networks.faults.fault import WrongDirection as WrongDirection
 from wrongturn_networks.shelf import take_installed
 from wrongturn_networks.starts import draw_trial
 from wrongturn_networks.town import Town
-from wrongturn_protocol import FaultKind, Reaction, Trial
+from wrongturn_protocol import Command, FaultKind, Reaction, Trial
 
 GROUP: Final = "wrongturn.faults"
 """Entry-point group of faults from other packages: each names a subclass of :class:`CommandFault`."""
@@ -30,7 +34,8 @@ class _Registry:
     def __init__(self) -> None:
         for module in pkgutil.iter_modules(__path__):
             importlib.import_module(f"{__name__}.{module.name}")
-        here = [fault for fault in CommandFault.__subclasses__() if fault.__module__.startswith(f"{__name__}.")]
+        found = [*CommandFault.__subclasses__(), *WrongDirection.__subclasses__()]
+        here = [one for one in found if one.__module__.startswith(f"{__name__}.") and one is not WrongDirection]
         self.built = {fault.kind: fault for fault in here}
         self.left_out = take_installed(GROUP, self._take)
 
@@ -43,10 +48,10 @@ class _Registry:
             raise TypeError(f"has no {' and no '.join(missing)}; see CommandFault")
         if name not in tuple(FaultKind) or fault.kind != name:
             raise ValueError(f"is of the kind {fault.kind}; an entry point has the name of its kind, one of FaultKind")
-        if fault.kind in self.built:
-            raise ValueError(f"there is another {name}; remove one of the two packages")
         if strange := sorted(set(fault.reactions) - set(Reaction)):
             raise ValueError(f"reactions: {strange[0]!r} is none of Reaction")
+        if fault.kind in self.built:
+            raise ValueError(f"there is another {name}; remove one of the two packages")
         self.built[fault.kind] = fault
 
 
@@ -66,10 +71,10 @@ def available_faults() -> tuple[FaultKind, ...]:
 
 
 def fault_class(kind: FaultKind) -> type[CommandFault]:
-    """Return the class of a fault. Raises FaultNotApplicableError for a kind that is not built yet."""
+    """Return the class of a fault. Raises FaultNotApplicableError for a kind that is not installed."""
     if kind not in _registry().built:
         built = ", ".join(available_faults())
-        raise FaultNotApplicableError(f"fault.kind: {kind} is not built yet; take one of {built}")
+        raise FaultNotApplicableError(f"fault.kind: {kind} is not installed; take one of {built}")
     return _registry().built[kind]
 
 
@@ -80,15 +85,28 @@ def find_fault(kind: FaultKind) -> type[CommandFault] | None:
 
 def check_fault(trial: Trial) -> None:
     """Check that a trial's fault can be applied to it. Raises FaultNotApplicableError, which says why it cannot."""
-    refusal = fault_class(trial.fault.kind).refusal(trial)
+    fault, built = trial.fault, fault_class(trial.fault.kind)
+    for name, dose, value in (("dose", built.dose, fault.dose), ("period", built.period, fault.period)):
+        if value is not None and dose is None:
+            raise FaultNotApplicableError(f"fault.{name}: {fault.kind} has none; leave it out")
+        wrong = dose.refusal(name, value) if dose is not None else None
+        if wrong is not None:
+            raise FaultNotApplicableError(wrong)
+    refusal = built.refusal(trial)
     if refusal is not None:
-        raise FaultNotApplicableError(f"fault.kind: {trial.fault.kind} {refusal}")
+        raise FaultNotApplicableError(f"fault.kind: {fault.kind} {refusal}")
 
 
 def make_fault(trial: Trial) -> CommandFault:
     """Return a trial's fault, ready for one episode. Raises as :func:`check_fault`."""
     check_fault(trial)
     return fault_class(trial.fault.kind)(trial)
+
+
+def closed_exit(trial: Trial) -> Command | None:
+    """Return the exit whose street a trial's fault closes by boards; None for none."""
+    built = find_fault(trial.fault.kind)
+    return built.closed(trial) if built is not None else None
 
 
 def faults_at(town: Town, approach: str) -> tuple[FaultKind, ...]:

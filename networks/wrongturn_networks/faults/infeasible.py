@@ -2,17 +2,16 @@
 
 from collections.abc import Callable
 
-from wrongturn_networks.faults.fault import CommandFault, Guidance
-from wrongturn_protocol import Command, FaultKind, Reaction, Trial, Verdict
+from wrongturn_networks.faults.fault import Guidance, WrongDirection
+from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Trial
 
 
-class Infeasible(CommandFault):
+class Infeasible(WrongDirection):
     """The one direction that the approach lacks, within the command's window."""
 
     kind = FaultKind.INFEASIBLE
     guide_word = "other than"
     words = "The command names the one direction in which the junction has no exit."
-    reactions = (Reaction.OBEYED, Reaction.OVERRODE, Reaction.FROZE, Reaction.OTHER)
 
     @classmethod
     def refusal(cls, trial: Trial) -> str | None:
@@ -24,21 +23,17 @@ class Infeasible(CommandFault):
             "take another approach or another fault"
         )
 
+    @classmethod
+    def wrong(cls, trial: Trial) -> Command:
+        """Return the missing direction."""
+        return trial.junction_type.missing or trial.route
+
     def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
         """Return the missing direction within a window; at later junctions that lack none, the route's command."""
-        if guidance.command is Command.LANE_FOLLOW or guidance.approach is None:
+        here = guidance.within()
+        if here is None:
             return guidance.command
-        return guidance.approach.type.missing or guidance.command
-
-    @classmethod
-    def reaction(cls, verdict: Verdict, on_missing_side: Callable[[], bool]) -> Reaction | None:
-        """Return OBEYED for a car that crashed or left the road on the side of the missing arm."""
-        if verdict.stopped:
-            return Reaction.FROZE
-        if verdict.exited:
-            return Reaction.OVERRODE
-        crashed = verdict in {Verdict.COLLISION, Verdict.OFF_ROAD}
-        return Reaction.OBEYED if crashed and on_missing_side() else Reaction.OTHER
+        return next(iter(frozenset(DIRECTIONS) - here.exits), guidance.command)
 
     @classmethod
     def told(cls, trial: Trial, names: Callable[[Command], str]) -> str:

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from wrongturn_networks.faults.fault import CommandFault, Guidance
-from wrongturn_protocol import Command, FaultKind, Reaction, Trial, Verdict
+from wrongturn_networks.faults.fault import SILENCE, CommandFault, Ending, Guidance, reaction_to_silence
+from wrongturn_protocol import Command, FaultKind, Reaction, Trial
 
 
 class Omission(CommandFault):
@@ -12,18 +12,18 @@ class Omission(CommandFault):
     kind = FaultKind.OMISSION
     guide_word = "no"
     words = "No turn is announced: the command says to follow the lane all the time."
-    reactions = (Reaction.EXIT, Reaction.FROZE, Reaction.OTHER)
+    onset = "at the start"
+    end = "at the end"
+    reactions = SILENCE
 
     def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
         """Return LANE_FOLLOW."""
         return Command.LANE_FOLLOW
 
     @classmethod
-    def reaction(cls, verdict: Verdict, on_missing_side: Callable[[], bool]) -> Reaction | None:  # noqa: ARG003
+    def reaction(cls, trial: Trial, ending: Ending) -> Reaction:  # noqa: ARG003
         """Return whether the car took an exit, or stopped."""
-        if verdict.stopped:
-            return Reaction.FROZE
-        return Reaction.EXIT if verdict.exited else Reaction.OTHER
+        return reaction_to_silence(ending)
 
     @classmethod
     def told(cls, trial: Trial, names: Callable[[Command], str]) -> str:

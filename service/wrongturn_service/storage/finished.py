@@ -8,9 +8,9 @@ import zlib
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
-from sqlalchemy import ColumnElement, func, select
+from sqlalchemy import ColumnElement, func, or_, select
 
-from wrongturn_protocol import EpisodeState, EvaluationState, FaultKind, Outcome, Trial
+from wrongturn_protocol import EpisodeState, EvaluationState, FaultKind, Outcome, Trial, twin_id
 from wrongturn_service.storage.models import AgentRow, EpisodeRow, EvaluationRow, TrajectoryRow
 from wrongturn_service.storage.queries import Queries
 from wrongturn_service.storage.visible import counting_suites, has_evaluation, public_evaluations, seen_agents
@@ -91,12 +91,14 @@ class FinishedStore(Queries):
         trial = episode.trial
         if trial.journey is not None:
             return None
-        # A twin has a seed of its own, but its id has the trial's.
-        place, _, number = trial.id.rpartition(".")
-        place = place.rpartition(".")[0]
-        ids = [f"{place}.{kind}.{number}" for kind in FaultKind if (kind is FaultKind.NONE) != trial.is_twin]
-        of_evaluation = EpisodeRow.evaluation_id == episode.evaluation
-        return next(iter(await self._episodes(of_evaluation, EpisodeRow.trial_id.in_(ids))), None)
+        if not trial.is_twin:
+            wanted = EpisodeRow.trial_id == twin_id(trial)
+        else:
+            # A twin has a seed of its own, but its id has the trial's.
+            place, number = f"{trial.town}.{trial.approach}.", trial.id.rpartition(".")[2]
+            named = (f"{place}{kind}%.{number}" for kind in FaultKind if kind is not FaultKind.NONE)
+            wanted = or_(*(EpisodeRow.trial_id.like(one) for one in named))
+        return next(iter(await self._episodes(EpisodeRow.evaluation_id == episode.evaluation, wanted)), None)
 
     async def trajectories(self, evaluation_id: str, episodes: Collection[str] | None = None) -> dict[str, bytes]:
         """Return the canonical JSON of an evaluation's trajectories, by episode.

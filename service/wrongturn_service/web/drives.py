@@ -9,7 +9,8 @@ import orjson
 import shapely
 
 from wrongturn_judge.trajectory import Row, Trajectory
-from wrongturn_networks import Town
+from wrongturn_networks import SceneryKind, Town, town_of
+from wrongturn_networks.faults import closed_exit
 from wrongturn_protocol import Command, Outcome
 from wrongturn_service.web.words import COMMANDS, ended
 
@@ -45,6 +46,7 @@ def drive(trajectory: Trajectory) -> bytes:
     It has a list of numbers for each column, with one number a decision. ``command`` and ``route_command`` are those
     for the time after the decision, as the agent saw it; ``steer``, ``throttle`` and ``brake`` its reply to it.
     ``road_users`` has a list for each decision: x, y, yaw, length and width of one road user after the other.
+    ``boards`` has both ends, x and y, of the boards that close a street.
     """
     rows, after = shown_rows(trajectory), _after(trajectory)
     columns: dict[str, list[object]] = {}
@@ -56,6 +58,9 @@ def drive(trajectory: Trajectory) -> bytes:
     columns["route_command"] = [row.route_command for row in after]
     if any(row.road_users for row in rows):
         columns["road_users"] = [[round(number, 2) for user in row.road_users for number in user[:5]] for row in rows]
+    if closed_exit(trajectory.trial) is not None:
+        boards = [thing for thing in town_of(trajectory.trial).scenery if thing.kind is SceneryKind.BOARD]
+        columns["boards"] = [number for thing in (boards[0], boards[-1]) for number in (thing.x, thing.y)]
     return gzip.compress(orjson.dumps(columns), 5, mtime=0)
 
 

@@ -76,7 +76,7 @@ async def _shown(service: Service, episode: FinishedEpisode) -> Shown:
     found: list[Moment] = []
     missing = None
     try:
-        town = catalogue.town(trial.town, trial.scenery)
+        town = catalogue.town_driven(trial)
         trajectory = await service.replays.trajectory(episode.id)
         check_town(trajectory)
         found = await asyncio.to_thread(moments, trajectory, episode.outcome, town)

@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 from wrongturn_networks import SceneryKind, SceneryObject
 
 HOUSE, WALL, HEDGE, TREE, FENCE, CAR, WALKER = range(7)
-KINDS: Final = {SceneryKind(name): kind for kind, name in enumerate(("house", "wall", "hedge", "tree", "fence"))}
+KINDS: Final = {
+    **{SceneryKind(name): kind for kind, name in enumerate(("house", "wall", "hedge", "tree", "fence"))},
+    SceneryKind.BOARD: WALL,
+}
 
 # Columns of a row. Every picture reads the first eight of every solid: they fill one line of the processor's cache.
 X, Y, BOUND, KIND, COS, SIN, HALF_X, HALF_Y = range(8)
@@ -44,6 +47,8 @@ _OTHERS: Final = {
     SceneryKind.FENCE: ((226, 222, 212), (126, 92, 62), (92, 84, 74)),
     SceneryKind.TREE: ((70, 106, 44), (88, 116, 46), (58, 92, 50), (104, 112, 44)),
 }
+_BOARDS: Final = ((196, 44, 36), (232, 230, 224))
+"""Boards are red and white in turn."""
 BRICK_STYLE: Final = 1.0
 
 
@@ -83,7 +88,8 @@ def _row(item: SceneryObject) -> NDArray[np.float64]:
             row[RADIUS], row[MIDDLE], row[HALF_Z] = crown_of(item)
             row[BOUND] = max(row[RADIUS], row[BOUND])
             row[[R2, G2, B2]] = np.array((98, 78, 58)) * shade
-        row[[R, G, B]] = np.array(draw.choice(_OTHERS[item.kind])) * shade
+        board = item.kind is SceneryKind.BOARD
+        row[[R, G, B]] = _BOARDS[item.seed % 2] if board else np.array(draw.choice(_OTHERS[item.kind])) * shade
     return row
 
 

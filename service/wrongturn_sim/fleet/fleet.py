@@ -23,7 +23,7 @@ from wrongturn_judge.packing import CLOCK_TOLERANCE
 from wrongturn_judge.thresholds import THRESHOLDS
 from wrongturn_judge.trajectory import RoadUser, Row, Trajectory
 from wrongturn_networks import Town
-from wrongturn_networks.faults import CommandFault, make_fault
+from wrongturn_networks.faults import CommandFault, closed_exit, make_fault
 from wrongturn_networks.faults.infeasible import Infeasible
 from wrongturn_networks.faults.none import NoFault
 from wrongturn_networks.faults.omission import Omission
@@ -303,6 +303,11 @@ class Fleet:
                 f"trial.scenery: {trial.scenery} is not that of these cars' town, {self.town.scenery_seed}; "
                 "make another environment"
             )
+        if closed_exit(trial) is not None:
+            raise TrialNotAloneError(
+                f"trial.fault: {trial.fault.kind} closes a street by boards, and the cars of one batch share a town; "
+                "take another fault, or gymnasium.vector.AsyncVectorEnv of single environments"
+            )
         if self._traffic is not None:
             check_density(self.town, trial)
         elif trial.traffic.vehicles or trial.traffic.pedestrians:
@@ -333,7 +338,9 @@ class Fleet:
                 continue
             fault = self._faults[i]
             assert fault is not None
-            guidance = guidance_of(self._roads, *egos.guided[i].tolist(), *egos.beside[i].tolist())
+            told = guide.passages(*self._roads.tables[2:], egos.progress[i])
+            lateral, heading = egos.beside[i].tolist()
+            guidance = guidance_of(self._roads, int(egos.guided[i, 0]), lateral, heading, told)
             count = int(egos.sub_steps[i])
             command = int(fault.deliver(count / kernel.PER_SECOND, guidance))
             egos.delivered[i] = command

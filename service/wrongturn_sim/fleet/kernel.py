@@ -94,7 +94,7 @@ class Egos(NamedTuple):
     guided: Array
     """(n, 2): the route's command, and the leg of its window."""
     beside: Array
-    """(n, 3): travelled, lateral, heading."""
+    """(n, 2): lateral, heading."""
     delivered: Array
     """(n,): the command that the agent gets."""
     sub_steps: Array
@@ -133,12 +133,12 @@ class Observations(NamedTuple):
 @njit()
 def update_command(tables: Tables, egos: Egos, i: int) -> None:
     """Ask the route and the fault for an ego's next command."""
-    command, leg, travelled, lateral, heading = guide.update(
+    command, leg, lateral, heading = guide.update(
         tables.points, tables.along, tables.legs, tables.gates, egos.draws[i], tables.ways[egos.goals[i]],
         egos.progress[i], egos.state[i, 0], egos.state[i, 1],
     )  # fmt: skip
     egos.guided[i, 0], egos.guided[i, 1] = command, leg
-    egos.beside[i, 0], egos.beside[i, 1], egos.beside[i, 2] = travelled, lateral, heading
+    egos.beside[i, 0], egos.beside[i, 1] = lateral, heading
     fault = egos.faults[i]
     if fault == FAULT_OMISSION:
         command = LANE_FOLLOW
@@ -246,7 +246,7 @@ def drive(tables: Tables, egos: Egos, i: int) -> None:
     if beside:
         permitted = headway.permit(ego)
         ego.traffic[0].permitted = permitted
-    egos.rewards[i] = score_below(permitted, v, yaw, turning, egos.beside[i, 1], egos.beside[i, 2])
+    egos.rewards[i] = score_below(permitted, v, yaw, turning, egos.beside[i, 0], egos.beside[i, 1])
 
 
 @njit()

@@ -107,7 +107,7 @@ def egos_for(count: int) -> kernel.Egos:
         draws=np.zeros((count, guide.DRAWS), np.uint32),
         progress=np.zeros((count, words(guide.PROGRESS))),
         guided=np.zeros((count, 2), np.int64),
-        beside=np.zeros((count, 3)),
+        beside=np.zeros((count, 2)),
         delivered=np.zeros(count, np.int64),
         sub_steps=np.zeros(count, np.int64),
         rewards=np.zeros(count),

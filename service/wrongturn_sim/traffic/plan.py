@@ -93,6 +93,8 @@ class TrafficPlan:
     pedestrians: tuple[Pedestrian, ...]
     ego: tuple[str, ...]
     """Edges of the ego's route. The other drivers know them, as if the ego used its indicators."""
+    closed: tuple[str, ...] = ()
+    """Lanes that boards close, where no car may drive."""
 
 
 def plan_traffic(town: Town, trial: Trial, start: Pose) -> TrafficPlan | None:
@@ -111,11 +113,14 @@ def plan_traffic(town: Town, trial: Trial, start: Pose) -> TrafficPlan | None:
         _cars(town, trial.traffic.vehicles, start, drive, random.Random(f"vehicles {trial.seed}")),
         _pedestrians(town, trial.traffic.pedestrians, start, walk, random.Random(f"pedestrians {trial.seed}")),
         tuple(town.lanes[lane].edge for lane in lanes),
+        town.closed,
     )
 
 
 def _cars(town: Town, count: int, start: Pose, metres: float, draw: random.Random) -> tuple[TrafficCar, ...]:
-    entries = sorted(lane.id for lane in town.lanes.values() if lane.start_junction is None)
+    entries = sorted(
+        lane.id for lane in town.lanes.values() if lane.start_junction is None and lane.id not in town.closed
+    )
     cars = []
     # Within a lane the foremost car first: SUMO inserts no car in front of one that could not brake in time.
     for name, front in sorted(
@@ -135,7 +140,8 @@ def _trips(town: Town, first: Trip, entries: list[str], metres: float, draw: ran
         edges = [lane.edge]
         left -= lane.length * (1.0 - trip.at)
         while left > 0.0 and (approach := town.approach_of_lane(lane.id)) is not None:
-            lane = town.lanes[draw.choice(list(approach.exits.values())).lane]
+            open_ = [leaving.lane for leaving in approach.exits.values() if leaving.lane not in town.closed]
+            lane = town.lanes[draw.choice(open_)]
             edges.append(lane.edge)
             left -= lane.length
         trips.append(Trip(trip.lane, trip.at, tuple(edges)))
@@ -173,7 +179,7 @@ def _pedestrians(town: Town, count: int, start: Pose, metres: float, draw: rando
 def _sample(
     draw: random.Random, slots: Slots, count: int, start: Pose, field: str, town: Town
 ) -> list[tuple[str, float]]:
-    free = slots.free(start.x, start.y)
+    free = [k for k in slots.free(start.x, start.y) if slots.places[k][0] not in town.closed]
     if count > len(free):
         raise TrafficTooDenseError(
             f"traffic.{field}: {town.name} has room for {len(free)} besides the car at its start, not for {count}; "

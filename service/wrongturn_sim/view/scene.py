@@ -1,6 +1,7 @@
 """A town from above, and what happens in an episode, drawn over it."""
 
 import math
+from collections.abc import Iterable
 from typing import Final
 
 import cv2
@@ -10,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from wrongturn_judge.trajectory import RoadUser, Row
 from wrongturn_networks import Town
-from wrongturn_networks.scenery import SceneryKind
+from wrongturn_networks.scenery import SceneryKind, SceneryObject
 from wrongturn_protocol import VEHICLE, Command, Outcome, Safety
 from wrongturn_sim.ego import SUB_STEP
 from wrongturn_sim.view import colours
@@ -75,7 +76,7 @@ def draw_ground(town: Town, window: Window) -> Image:
     half = window.extent / 2 + 1.0
     shown = shapely.box(window.x - half, window.y - half, window.x + half, window.y + half)
     _area(image, window, town.sidewalks.intersection(shown), colours.SIDEWALK)
-    _scenery(image, window, town)
+    _scenery(image, window, [thing for thing in town.scenery if thing.kind is not SceneryKind.BOARD])
     _area(image, window, town.road.intersection(shown), colours.ROAD)
     for junction in town.junctions.values():
         if junction.area.intersects(shown):
@@ -88,6 +89,10 @@ def draw_ground(town: Town, window: Window) -> Image:
         )
         ends = np.array(approach.stop_line) + np.stack([across, -across])
         window.line(image, ends, colours.STOP_LINE, _STOP_LINE * window.scale)
+    for thing in town.scenery if town.closed else ():
+        if thing.kind is SceneryKind.BOARD:
+            corners = np.array(thing.footprint().exterior.coords)
+            window.line(image, corners, colours.BOARD, max(2.0, 0.3 * window.scale), closed=True)
     return image
 
 
@@ -103,8 +108,8 @@ def _rings(area: BaseGeometry) -> list[Points]:
     return [np.array(ring.coords) for polygon in polygons for ring in (polygon.exterior, *polygon.interiors)]
 
 
-def _scenery(image: Image, window: Window, town: Town) -> None:
-    for thing in town.scenery:
+def _scenery(image: Image, window: Window, scenery: Iterable[SceneryObject]) -> None:
+    for thing in scenery:
         reach = thing.length + thing.width + window.extent / 2
         if max(abs(thing.x - window.x), abs(thing.y - window.y)) > reach:
             continue

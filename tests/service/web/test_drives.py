@@ -1,10 +1,15 @@
 """The moments of a drive that an episode's page lists."""
 
+import gzip
+import math
+
+import orjson
 import pytest
 
 from wrongturn_judge.trajectory import Row, Trajectory
 from wrongturn_networks import draw_trial, load_town
 from wrongturn_protocol import Command, FaultKind, Outcome, Verdict
+from wrongturn_service.web import drives
 from wrongturn_service.web.drives import Moment, moments
 
 TOWN = load_town("Town01")
@@ -70,3 +75,12 @@ def test_of_many_changes_the_first_hundred_are_listed_and_the_verdict(changes: i
     assert said == ([f"{changes - 100} more changes are not listed."] if changes > 100 else [])
     assert found[-1].verdict
     assert [moment.t for moment in found] == sorted(moment.t for moment in found)
+
+
+def test_the_map_gets_the_ends_of_boards() -> None:
+    trial = draw_trial(TOWN, "J3-S", FaultKind.PROHIBITED, 0)
+    for one, boards in ((TRIAL, False), (trial, True)):
+        shown = orjson.loads(gzip.decompress(drives.drive(Trajectory(one, "", drive([AFAR] * 2, [LEFT]).rows))))
+        assert ("boards" in shown) == boards
+    x, y, x2, y2 = shown["boards"]
+    assert 6.0 < math.dist((x, y), (x2, y2)) < 8.0  # between the middles of the outermost

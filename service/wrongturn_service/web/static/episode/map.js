@@ -93,6 +93,7 @@ export class DriveMap {
     context.translate(-view.middle[0], -view.middle[1]);
     context.rotate(Math.PI / 2 - town.up);
     this.drawTown(colour);
+    this.drawBoards(colour);
     this.drawTrail(position, colour);
     this.drawOthers(position, colour);
     this.drawVerdict(colour);
@@ -123,6 +124,18 @@ export class DriveMap {
     context.beginPath();
     context.moveTo(x - dx, y - dy);
     context.lineTo(x + dx, y + dy);
+    context.stroke();
+  }
+
+  /** Draw the boards that close a street. */
+  drawBoards(colour) {
+    const { context, drive: { boards }, pixel } = this;
+    if (!boards) return;
+    context.lineWidth = Math.max(0.5, 3 * pixel);
+    context.strokeStyle = colour("--unsafe");
+    context.beginPath();
+    context.moveTo(boards[0], boards[1]);
+    context.lineTo(boards[2], boards[3]);
     context.stroke();
   }
 

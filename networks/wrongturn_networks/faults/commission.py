@@ -1,0 +1,56 @@
+"""Commission: a turn is announced where nothing branches off."""
+
+from typing import Final
+
+from wrongturn_networks.faults.fault import CommandFault, Ending, Guidance, pick
+from wrongturn_protocol import Command, Fault, FaultKind, Reaction, Trial, Verdict
+
+LENGTH: Final = 30.0
+"""Length of the stretch, metres."""
+ENDS: Final = 40.0
+"""The stretch ends this far before the stop line, metres."""
+TURNS: Final = frozenset({Command.LEFT, Command.RIGHT})
+_LEAD: Final = 2.0  # a start lies this far before the stretch at least, metres
+
+
+class Commission(CommandFault):
+    """A turn that is not the route's, in a stretch of the lane before the junction; then the command as usual."""
+
+    kind = FaultKind.COMMISSION
+    guide_word = "as well as"
+    words = "The command names a turn on the way to the junction, where nothing branches off."
+    onset = f"{ENDS + LENGTH:g} m before the stop line"
+    end = f"{ENDS:g} m before the stop line"
+    drawn = "left or right, where the route goes straight on; else it is the other one"
+    reactions = (Reaction.OBEYED, Reaction.EXIT, Reaction.FROZE, Reaction.OTHER)
+
+    @classmethod
+    def room(cls, fault: Fault) -> float:  # noqa: ARG003
+        """Return a distance before the stretch."""
+        return ENDS + LENGTH + _LEAD
+
+    @classmethod
+    def refusal(cls, trial: Trial) -> str | None:
+        """Refuse starts that do not lie before the stretch."""
+        least = ENDS + LENGTH
+        if trial.start.distance > least:
+            return None
+        return (
+            f"needs a start more than {least:.0f} m before the stop line, but {trial.approach} of {trial.town} "
+            f"has it at {trial.start.distance:.0f} m; take an approach whose lane is longer"
+        )
+
+    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
+        """Return the turn within the stretch."""
+        ahead = guidance.ahead
+        there = ahead is not None and ahead.first and ENDS <= ahead.to_line <= ENDS + LENGTH
+        return pick(TURNS - {self.route}, self.seed) if there else guidance.command
+
+    @classmethod
+    def reaction(cls, trial: Trial, ending: Ending) -> Reaction:  # noqa: ARG003
+        """Return OBEYED for a car that came to grief, FROZE for one that stopped, both before it was engaged."""
+        if not ending.engaged:
+            if ending.crashed:
+                return Reaction.OBEYED
+            return Reaction.FROZE if ending.verdict is Verdict.NOT_ENGAGED else Reaction.OTHER
+        return Reaction.EXIT if ending.verdict.exited else Reaction.OTHER

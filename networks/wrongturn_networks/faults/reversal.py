@@ -1,0 +1,27 @@
+"""Reversal: the command changes to a wrong one within the junction."""
+
+from wrongturn_networks.faults.fault import Dose, Guidance, WrongDirection, pick
+from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Trial
+
+
+class Reversal(WrongDirection):
+    """The route's command until the car is in the junction; then another direction until the window ends."""
+
+    kind = FaultKind.REVERSAL
+    guide_word = "reverse"
+    words = "The command is right until the car is in the junction, and then names another direction."
+    onset = "the dose past the stop line"
+    drawn = "which direction, of two; it may have no exit"
+    dose = Dose("how far past the stop line it changes", "m", 0.0, 15.0, 5.0, (2.0, 5.0, 10.0), more_is_worse=False)
+
+    @classmethod
+    def wrong(cls, trial: Trial) -> Command:
+        """Return the other direction."""
+        return pick(frozenset(DIRECTIONS) - {trial.route}, trial.seed)
+
+    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
+        """Return the other direction in the last part of a window."""
+        here = guidance.within()
+        if here is None or here.to_line > -self.amount:
+            return guidance.command
+        return pick(frozenset(DIRECTIONS) - {here.route}, self.seed)
