@@ -1,5 +1,6 @@
 """``wrongturn whatif``: what an agent does in a stored drive with another command."""
 
+import json
 import sys
 from enum import StrEnum
 from pathlib import Path
@@ -12,12 +13,14 @@ from wrongturn_agents.errors import AgentsError, RunError
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import resolve, with_absolute_file
 from wrongturn_agents.whatif_file import STEP_S, ForkResult, SweepFile, SweepResult
-from wrongturn_client import Client
+from wrongturn_agents.worker import GuardedAgent
+from wrongturn_client import ApiError, Client
+from wrongturn_client.evaluation_driver import drive_episode
 from wrongturn_client.invocation import python
 from wrongturn_client.options import Url
 from wrongturn_client.replayed import replayed_from
 from wrongturn_client.tables import console, plain_table
-from wrongturn_protocol import Command, EpisodeDetail, WhatIfRequest
+from wrongturn_protocol import Command, EpisodeDetail
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
 from wrongturn_protocol.run_file import RunFile
 from wrongturn_protocol.words import name
@@ -65,19 +68,18 @@ def whatif(
     at: Annotated[
         float | None, typer.Option(min=0, help="When it begins, seconds after the start. Example: --at 3.2")
     ] = None,
-    sweep: Annotated[
-        bool, typer.Option("--sweep", help="Find the point of no return and the detection time.")
-    ] = False,
+    sweep: Annotated[bool, typer.Option("--sweep", help="Find the point of no return and the detection time.")] = False,
     every: Annotated[
         float, typer.Option(min=STEP_S, help="Seconds between the first forks of a sweep. Example: --every 0.1")
     ] = _EVERY,
     every_trial: Annotated[
-        bool,
-        typer.Option("--all", help="Sweep all unsafe trials of a FILE; goes on with what the file of --json has."),
+        bool, typer.Option("--all", help="Sweep all unsafe trials of a FILE; goes on with what the file of --json has.")
     ] = False,
     episode: Annotated[
         str | None,
-        typer.Option(metavar="ID", help="Which episode of a FILE: its id, or its trial's id. Example: --episode ep_1a2b"),
+        typer.Option(
+            metavar="ID", help="Which episode of a FILE: its id, or its trial's id. Example: --episode ep_1a2b"
+        ),
     ] = None,
     workers: Annotated[
         int, typer.Option(min=1, help="With --all: processes of this machine. Example: --workers 4")
@@ -122,7 +124,8 @@ def whatif(
         result = found.sweep(every)
         forks = _worth_posting(result)
     else:
-        assert at is not None and command is not None
+        assert at is not None
+        assert command is not None
         result = found.forked(at, None if command == ROUTE else Command[command])
         forks = [(result.at, result.command)]
     posted = [_post(asked, *one) for one in forks] if post else []
@@ -176,7 +179,7 @@ def _sweep_all(asked: _Asked, every: float, progress: ProgressStyle) -> None:
     ]
     left = [one for one in unsafe if one.trial not in swept.trials]
     folder = str(Path.cwd())
-    tasks = (core.Sweep(asked.agent, folder, core.packed(one.trajectory), every) for one in left)
+    tasks = (core.Sweep(asked.agent, folder, json.dumps(one.trajectory).encode(), every) for one in left)
     with show_progress(progress, run.driver.name) as update:
         update(len(unsafe) - len(left), len(unsafe))
         for _, result in LocalWorkers(asked.workers).drive(tasks, core.sweep):
@@ -204,7 +207,11 @@ def _give(result: ForkResult | SweepResult, posted: list[EpisodeDetail], json_to
         said = ROUTE if result.command is None else result.command.name
         typer.echo(f"{said} from {result.at:.1f} s on: {name(result.outcome.verdict)} at {result.outcome.time:.2f} s.")
         typer.echo(f"The stored drive: {'no verdict' if result.was is None else name(result.was)}.")
-        typer.echo("The agent acts the same." if result.reacts_s is None else f"It acts otherwise from {result.reacts_s:.1f} s on.")
+        typer.echo(
+            "The agent acts the same."
+            if result.reacts_s is None
+            else f"It acts otherwise from {result.reacts_s:.1f} s on."
+        )
         if result.differs is not None:
             typer.echo(str(result.differs))
     for one in posted:
@@ -235,6 +242,12 @@ def _worth_posting(result: SweepResult) -> list[tuple[float, None]]:
 
 def _post(asked: _Asked, at: float, command: Command | None) -> EpisodeDetail:
     """Drive a fork at the service and return its episode."""
-    agent = resolve(asked.agent).make()
+    found = resolve(asked.agent)
     with Client(asked.url) as client:
-        return client.drive_whatif(agent, WhatIfRequest(episode=asked.source, at=at, command=command))
+        begun = client.whatif(asked.source, at, command)
+        try:
+            drive_episode(client, GuardedAgent(found.name, found.make()), begun)
+        except ApiError:
+            client.abort_episode(begun.id)
+            raise
+        return client.episode(begun.id)

@@ -32,9 +32,9 @@ from .episodes import StepReply as StepReply
 from .episodes import StepRequest as StepRequest
 from .episodes import Traffic as Traffic
 from .episodes import Trial as Trial
+from .episodes import WhatIfRequest as WhatIfRequest
 from .episodes import trial_id as trial_id
 from .episodes import twin_id as twin_id
-from .episodes import WhatIfRequest as WhatIfRequest
 from .leaderboards import AlgorithmResult as AlgorithmResult
 from .leaderboards import Comparison as Comparison
 from .leaderboards import Leaderboard as Leaderboard
