@@ -47,11 +47,13 @@ async def show(request: Request, service: ServiceDep, episode: str, fork: str | 
     if forks.no_return is not None and drives[0].moments:
         drives[0].moments.append(forks.no_return)
         drives[0].moments.sort(key=lambda moment: moment.decision)
-    with_twin = pair is not None
     return page(
         request,
         "episode.html",
-        **{"drives": drives, "with_twin": with_twin, "forks": forks, "told": told},
+        drives=drives,
+        twin=pair,
+        forks=forks,
+        told=told,
         evaluation=evaluation,
         agent=agent,
         words=words,
@@ -61,8 +63,7 @@ async def show(request: Request, service: ServiceDep, episode: str, fork: str | 
 @router.api_route("/episodes/{episode}/drive.json", methods=["GET", "HEAD"])
 async def rows(request: Request, service: ServiceDep, episode: str) -> Response:
     """Send what the page's scripts draw."""
-    forks = await service.finished.forks(episode)
-    found = forks[0] if forks and forks[0].id == episode else await _found(service, episode)
+    found = await _found(service, episode, forks=True)
     body = await service.replays.made("drive", found.id, drive)
     headers = {**SECURITY, "Cache-Control": "no-cache", "Vary": "Accept-Encoding"}
     if "gzip" in request.headers.get("accept-encoding", ""):
@@ -72,8 +73,10 @@ async def rows(request: Request, service: ServiceDep, episode: str) -> Response:
     return tagged(request, body, Encoding.JSON, headers)
 
 
-async def _found(service: Service, episode: str) -> FinishedEpisode:
+async def _found(service: Service, episode: str, *, forks: bool = False) -> FinishedEpisode:
     found = await service.finished.episode(episode)
+    if found is None and forks:
+        found = next((one for one in await service.finished.forks(episode) if one.id == episode), None)
     if found is None:
         raise NotFoundError(
             ProblemType.UNKNOWN_EPISODE,

@@ -52,7 +52,7 @@ function start(detail, drives) {
   const current = (name) => colour(name);
   section.hidden = false;
 
-  const maps = drives.map((drive, i) => new DriveMap(figures[i].querySelector(".map"), town, drive, sides[i], i === 1 ? NaN : noReturn));
+  const maps = drives.map((drive, i) => new DriveMap(figures[i].querySelector(".map"), town, drive, sides[i], figures[i].dataset.twin === undefined ? noReturn : NaN));
   const cameras = drives.map((drive, i) => {
     const [canvas, unseen] = [".camera", ".unseen"].map((name) => figures[i].querySelector(name));
     return new CameraView(canvas, figures[i].dataset.episode, drive.t.length, unseen);
