@@ -34,8 +34,8 @@ class Difference(_Values):
         names = ("steer", "throttle", "brake")
         field, was, now = next(one for one in zip(names, self.stored, self.now, strict=True) if one[1] != one[2])
         return (
-            f"The agent is not deterministic, or not the one that drove: at {self.at:.1f} s it gives {field} {now:g} where the stored drive has "
-            f"{was:g}, after the same observations. Another sweep may find other times."
+            f"The agent is not deterministic, or not the one that drove: at {self.at:.1f} s it gives {field} {now:g} "
+            f"where the stored drive has {was:g}, after the same observations. Another sweep may find other times."
         )
 
 

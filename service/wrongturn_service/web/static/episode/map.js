@@ -97,8 +97,8 @@ export class DriveMap {
     this.drawTrail(position, colour);
     this.drawOthers(position, colour);
     this.drawVerdict(colour);
-    this.drawNoReturn(colour);
     this.drawCar(poseAt(this.drive, position), colour);
+    this.drawNoReturn(colour);
     context.restore();
     this.drawScale(scale, height, colour);
   }
