@@ -219,7 +219,9 @@ class GuardedAgent:
 
     def __init__(self, name: str, agent: Agent) -> None:
         self._name, self._agent = name, agent
-        self.takes_batches = getattr(agent, "memoryless", False) is True and callable(getattr(agent, "act_batch", None))
+        self.memoryless = getattr(agent, "memoryless", False) is True
+        """Whether an action depends on the observation alone."""
+        self.takes_batches = self.memoryless and callable(getattr(agent, "act_batch", None))
         """Whether the agent takes the observations of several episodes at once."""
 
     def reset(self, observation_space: spaces.Space[Any]) -> None:

@@ -134,6 +134,7 @@ class AsyncClient(_Awaitable):
     evaluate = _awaited(Client.evaluate)
 
     practise = _awaited(Client.practise)
+    whatif = _awaited(Client.whatif)
     step = _awaited(Client.step)
     episode = _awaited(Client.episode)
     trajectory = _awaited(Client.trajectory)

@@ -1,5 +1,6 @@
 """Driving over HTTP, for services and proxies without the WebSocket."""
 
+import uuid
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any, Final
@@ -14,7 +15,7 @@ from wrongturn_client.episode_calls import (
 )
 from wrongturn_client.errors import ApiError, ProtocolError
 from wrongturn_client.transport import Transport, path_of
-from wrongturn_protocol import EpisodeDetail, EpisodeReply, StepReply
+from wrongturn_protocol import Command, EpisodeDetail, EpisodeReply, StepReply, WhatIfRequest
 from wrongturn_protocol.observations import decode
 from wrongturn_protocol.wire import Call
 
@@ -32,6 +33,21 @@ class HttpCalls(EpisodeCalls):
     _transport: Transport
     _media_type: str
     """That of requests and replies: msgpack or JSON."""
+
+    def whatif(self, episode: str, at: float, command: Command | None = None) -> EpisodeReply:
+        """Begin a fork of a finished episode as practice (the reset), and drive it by :meth:`step`.
+
+        The service delivers the episode's commands up to ``at``, seconds after the start, and then ``command``; None is
+        the route's, which is right. Up to there it takes the episode's actions alone.
+
+        Raises:
+            ConflictError: The episode is not finished; or in a step, the action is not the episode's.
+        """
+        body = WhatIfRequest(episode=episode, at=at, command=command).model_dump(mode="json")
+        answer = self._transport.call(
+            "POST", "/v1/whatifs", body=body, media_type=self._media_type, key=str(uuid.uuid4())
+        )
+        return validated(EpisodeReply, _with_arrays(answer.message()))
 
     def _send(self, call: EpisodeCall, patience: float) -> dict[str, Any]:
         """Send one call and return the fields of its reply; raises as :meth:`Transport.call`."""

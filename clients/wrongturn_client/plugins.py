@@ -25,7 +25,7 @@ _PARTS: Final = {
     "wrongturn-networks": ("trials",),
     "wrongturn-service": ("picture",),
     "wrongturn-service[server]": ("backup", "restore", "serve"),
-    "wrongturn-agents": ("export", "register", "results", "run", "score", "train"),
+    "wrongturn-agents": ("export", "register", "results", "run", "score", "train", "whatif"),
     "wrongturn-openenv": ("openenv",),
 }
 """Commands that our other parts add, to tell which part is missing."""

@@ -21,6 +21,7 @@ from .episodes import Cell as Cell
 from .episodes import EpisodeDetail as EpisodeDetail
 from .episodes import EpisodeReply as EpisodeReply
 from .episodes import Fault as Fault
+from .episodes import Fork as Fork
 from .episodes import Journey as Journey
 from .episodes import JourneyOutcome as JourneyOutcome
 from .episodes import ObservationMessage as ObservationMessage
@@ -31,6 +32,7 @@ from .episodes import StepReply as StepReply
 from .episodes import StepRequest as StepRequest
 from .episodes import Traffic as Traffic
 from .episodes import Trial as Trial
+from .episodes import WhatIfRequest as WhatIfRequest
 from .episodes import trial_id as trial_id
 from .episodes import twin_id as twin_id
 from .leaderboards import AlgorithmResult as AlgorithmResult

@@ -171,6 +171,15 @@ class Journey(Message):
         return self
 
 
+class Fork(Message):
+    """Another command from one decision of a drive on."""
+
+    decision: Annotated[int, Field(ge=0, lt=2**31)]
+    """The first decision with the other command. Decisions are 0.1 s apart; 0 is the reset."""
+    command: Command | None = None
+    """The command from then on. None: the route's, which is the right one."""
+
+
 class Trial(Message):
     """One test: where a car starts, where its route leads, and what happens to its command.
 
@@ -202,6 +211,8 @@ class Trial(Message):
     """Direction of the route at the junction after this one. None: the seed decides."""
     journey: Journey | None = Field(default=None, exclude_if=is_none)
     """The journey; None for a trial at a single junction."""
+    fork: Fork | None = Field(default=None, exclude_if=is_none)
+    """Another command than the fault's, if this is a fork of an earlier drive."""
 
     @model_validator(mode="after")
     def _route_exists(self) -> Self:
@@ -306,6 +317,17 @@ class PracticeRequest(Message):
         kind = self.fault.kind if isinstance(self.fault, Fault) else self.fault
         if kind is not FaultKind.NONE:
             raise ValueError("fault: a journey has none; leave it out, or task")
+
+
+class WhatIfRequest(Message):
+    """``POST /v1/whatifs``: a fork of a finished episode, as practice."""
+
+    episode: str
+    """The finished episode: of a finished evaluation, or practice."""
+    at: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    """When the other command begins, seconds after the start: the next decision from then on, 0.1 s apart."""
+    command: Command | None = None
+    """The other command. None: the route's, which is the right one."""
 
 
 class EpisodeReply(Message):
@@ -424,6 +446,8 @@ class EpisodeDetail(Message):
     seq: int
     """``seq`` of the last reply."""
     evaluation: str | None = None
+    origin: str | None = Field(default=None, exclude_if=is_none)
+    """Id of the episode that this one is a fork of."""
     last_reply: dict[str, Any] | None = None
     """Reply to the last call; only while the episode is open."""
     trial: str | None = None

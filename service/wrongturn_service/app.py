@@ -16,6 +16,7 @@ from wrongturn_service.api import (
     metrics,
     places,
     submissions,
+    whatifs,
 )
 from wrongturn_service.api.documents import built, serve_document
 from wrongturn_service.api.middleware import Middleware
@@ -77,7 +78,7 @@ def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner:
         *(episodes.router, health.router, metrics.router, places.suites_router, places.towns_router),
         *(accounts.agents_router, accounts.owners_router, evaluations.router, submissions.router, session.router),
         *(leaderboards.router, admin.router, errors.router, front.router, agent_pages.router, compare.router),
-        *(episode_pages.router, rest.router, place_pages.router, page.router),
+        *(whatifs.router, episode_pages.router, rest.router, place_pages.router, page.router),
     ):
         app.routes.extend(router.routes)
     # As one of FastAPI's routes, whose name the log and the figures have.

@@ -269,6 +269,9 @@ class Episode:
         """Ask the route and the fault for the command of the next 0.1 s."""
         self._guidance: Guidance = self._navigator.update(self._state[0], self._state[1])
         self._command: Command = self._fault.deliver(self._sub_steps / _PER_SECOND, self._guidance)
+        fork = self.trial.fork
+        if fork is not None and self.steps >= fork.decision:
+            self._command = self._guidance.command if fork.command is None else fork.command
         if self._expected:
             self._update_expected_route()
 

@@ -24,6 +24,7 @@ class Site:
     """Ids of the agents, by name."""
     evaluations: dict[str, str]
     """Ids of their evaluations on the suite."""
+    tokens: dict[str, str]
 
     def get(self, path: str) -> dict:
         """Return the reply to a REST call."""
@@ -39,7 +40,7 @@ def filled_site(
         folder / "wrongturn.db", operator_token=OPERATOR, submissions=1, simulator_start_timeout_s=900
     )
     assert running.ready, running.stderr
-    agents, evaluations = {}, {}
+    agents, evaluations, tokens = {}, {}, {}
     for name in names:
         found = resolve(name)
         body = {"name": name, "track": found.track, "kind": found.kind, "description": found.description}
@@ -47,7 +48,7 @@ def filled_site(
         made = expect(httpx.post(f"{running.url}/v1/agents", json=body, headers=operator, timeout=120), 201)
         with Client(running.url, made["token"]) as client:
             evaluations[name] = client.evaluate(found.make(), suite).id
-        agents[name] = made["id"]
-    yield Site(running.url, agents, evaluations)
+        agents[name], tokens[name] = made["id"], made["token"]
+    yield Site(running.url, agents, evaluations, tokens)
     assert running.stop() == 0, running.stderr
     assert '"level": "error"' not in running.stderr, running.stderr

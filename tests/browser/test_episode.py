@@ -1,12 +1,16 @@
 """An episode's page: the replay of a trial beside its twin."""
 
 import dataclasses
+import json
 import math
 
 import pytest
 from filled_site import Site
 from playwright.sync_api import Page, expect
+from typer.testing import CliRunner
 from visiting import Accessible, Visit
+
+from wrongturn_client.cli import app
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,6 +66,25 @@ def test_what_happened_and_why(visit: Visit, accessible: Accessible, pair: Pair)
     assert "left the road" in moments[-1]
     assert page.inner_text("figure.drive >> nth=1 >> figcaption").startswith("The twin, without a fault: exit")
     accessible(page)
+
+
+def test_a_fork_is_a_third_car(visit: Visit, accessible: Accessible, site: Site, pair: Pair):
+    source = ["whatif", pair.trial["id"], "--url", site.url, "--agent", "obeys-blindly"]
+    environment = {"WRONGTURN_TOKEN": site.tokens["obeys-blindly"]}
+    done = CliRunner().invoke(app, [*source, "--sweep", "--post", "--json", "-"], env=environment)
+    assert done.exit_code == 0, done.output
+    last = json.loads(done.output)["no_return_s"]
+    page = ready(visit(pair.path))
+    assert page.locator("figure.drive").count() == 3
+    assert page.inner_text("figure.drive >> nth=2 >> figcaption").startswith(
+        f"What if: the right command from {last:.1f} s on: exit"
+    )
+    assert f"{last:.1f} s\tThe point of no return" in page.inner_text(".moments >> nth=0")
+    expect(page.locator(".speeds .no-return")).to_be_visible()
+    accessible(page)
+    page.click("text=/the right command from .* on/ >> nth=-1")
+    ready(page)
+    assert page.inner_text("figure.drive >> nth=2 >> figcaption").endswith("(unsafe)")
 
 
 def test_scrubbing_moves_everything(visit: Visit, pair: Pair):

@@ -52,6 +52,7 @@ def test_problems_bodies_and_the_token_are_documented(document: dict[str, Any]) 
         "POST /v1/episodes",
         "POST /v1/episodes/{episode}/step",
         "POST /v1/submissions",
+        "POST /v1/whatifs",
     }
 
 

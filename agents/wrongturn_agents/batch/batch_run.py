@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from wrongturn_agents.batch.group import Group
+from wrongturn_agents.batch.group import Group, drive_group
 from wrongturn_agents.batch.workers import Workers
 from wrongturn_agents.errors import ResultsError, RunError
 from wrongturn_agents.practice import name_in_file, trials_of
@@ -105,7 +105,7 @@ class BatchRun:
         self._write()
         size = max(1, min(_LARGEST, math.ceil(self.total / (_EACH * workers.count))))
         progress(self._finished(), self.total)
-        with closing(workers.drive(self._groups(size))) as driven:  # type: ignore[type-var]
+        with closing(workers.drive(self._groups(size), drive_group)) as driven:  # type: ignore[type-var]
             for group, results in driven:
                 run = self.runs[group.run]
                 self.runs[group.run] = run.model_copy(update={"trials": {**run.trials, **results}})

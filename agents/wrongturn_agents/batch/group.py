@@ -39,7 +39,7 @@ def drive_group(group: Group) -> dict[str, TrialResult]:
         SimError: The simulation fails.
         NetworkError: A drawn town cannot be built.
     """
-    agent, track = _loaded(group.agent, group.folder)
+    agent, track = loaded(group.agent, group.folder)
     # This process has one simulation of SUMO, so trials with other road users are driven one by one.
     crowded = [trial for trial in group.trials if trial.traffic.vehicles or trial.traffic.pedestrians]
     alone = [trial for trial in group.trials if trial not in crowded]
@@ -49,7 +49,8 @@ def drive_group(group: Group) -> dict[str, TrialResult]:
 
 
 @lru_cache(maxsize=4)
-def _loaded(agent: str, folder: str) -> tuple[GuardedAgent, Track]:
+def loaded(agent: str, folder: str) -> tuple[GuardedAgent, Track]:
+    """Load an agent, once in a process; classes of the user's are found in the folder. Raises AgentsError."""
     if folder not in sys.path:
         sys.path.insert(0, folder)
     source = resolve(agent)

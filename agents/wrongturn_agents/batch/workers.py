@@ -4,18 +4,17 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, TypeVar
 
-from wrongturn_agents.batch.group import Group, drive_group
 from wrongturn_agents.errors import RunError
-from wrongturn_agents.results_file import TrialResult
 from wrongturn_client.invocation import python
 
-Results = dict[str, TrialResult]
+_Group = TypeVar("_Group")
+_Results = TypeVar("_Results")
 _AHEAD: Final = 1
 """Groups that are handed out beyond those that are driven, so that no worker waits."""
 
@@ -28,12 +27,14 @@ class Workers(Protocol):
         """Groups that it drives at once, now."""
         ...
 
-    def drive(self, groups: Iterator[Group]) -> Iterator[tuple[Group, Results]]:
+    def drive(
+        self, groups: Iterator[_Group], drive_group: Callable[[_Group], _Results]
+    ) -> Iterator[tuple[_Group, _Results]]:
         """Drive all groups and yield each with its results as it ends.
 
         After an error, nothing more is begun. What is being driven ends first; then the error is raised.
 
-        Raises what :func:`drive_group` raises, and RunError if a worker dies.
+        Raises what ``drive_group`` raises, a function of a module, and RunError if a worker dies.
         """
         ...
 
@@ -44,12 +45,14 @@ class LocalWorkers:
     def __init__(self, count: int) -> None:
         self.count = count
 
-    def drive(self, groups: Iterator[Group]) -> Iterator[tuple[Group, Results]]:
+    def drive(
+        self, groups: Iterator[_Group], drive_group: Callable[[_Group], _Results]
+    ) -> Iterator[tuple[_Group, _Results]]:
         """Drive all groups, as :meth:`Workers.drive`."""
         context = multiprocessing.get_context("spawn")  # a fork would share SUMO and threads
         told, stop = context.Pipe(duplex=False)
         pool = ProcessPoolExecutor(self.count, context, _begin, (told,))
-        running: dict[Future[Results], Group] = {}
+        running: dict[Future[_Results], _Group] = {}
         failed: Exception | None = None
         try:
             while True:
@@ -109,10 +112,12 @@ class RayWorkers:
         """Processors of the cluster, now."""
         return max(1, int(self._ray.cluster_resources().get("CPU", 1)))
 
-    def drive(self, groups: Iterator[Group]) -> Iterator[tuple[Group, Results]]:
+    def drive(
+        self, groups: Iterator[_Group], drive_group: Callable[[_Group], _Results]
+    ) -> Iterator[tuple[_Group, _Results]]:
         """Drive all groups, as :meth:`Workers.drive`. Nodes that join meanwhile are used too."""
         ray, driver = self._ray, self._ray.remote(drive_group)
-        running: dict[Any, Group] = {}
+        running: dict[Any, _Group] = {}
         failed: Exception | None = None
         try:
             while True:

@@ -22,6 +22,7 @@ from wrongturn_protocol import (
     ResultsRequest,
     StepRequest,
     Track,
+    WhatIfRequest,
 )
 from wrongturn_protocol.observations import json_schema
 from wrongturn_service.api.dependencies import Body, RequestKey, ServiceDep, Token, accepted
@@ -38,7 +39,7 @@ OBSERVATIONS: Final = {track: f"{track.capitalize()}Observation" for track in Tr
 _REFERENCE = "#/components/schemas/{model}"
 _INPUTS: list[tuple[Any, Literal["validation"]]] = [
     *((model, "validation") for model in (AgentRegistration, EvaluationRequest, OwnerRegistration, PracticeRequest)),
-    *((model, "validation") for model in (ResultsRequest, StepRequest, Problem)),
+    *((model, "validation") for model in (ResultsRequest, StepRequest, WhatIfRequest, Problem)),
 ]
 WITHOUT_TOKEN_TOO: Final[dict[str, Any]] = {"openapi_extra": {"security": [{}]}}
 """Keyword arguments of a route that shows a finished evaluation, or an episode of one, without a token too."""
@@ -49,6 +50,7 @@ _MADE = {
     "/v1/evaluations": "evaluation",
     "/v1/evaluations/{evaluation}/episodes": "episode",
     "/v1/episodes": "episode",
+    "/v1/whatifs": "episode",
     "/v1/submissions": "submission",
 }
 """What a POST creates. Calls below its path take the id."""

@@ -105,7 +105,7 @@ async def trajectory(request: Request, service: ServiceDep, authorization: Autho
     await _shown(service, authorization, episode)
     found = await service.store.trajectory(episode)
     if found is None:
-        raise _not_shown(episode)
+        raise not_shown(episode)
     body, sha256 = found
     return tagged(request, body, Encoding.JSON, {}, tag=f'"{sha256}"')
 
@@ -166,8 +166,11 @@ async def abort(service: ServiceDep, caller: DriverDep, episode: str) -> Respons
 async def _visible(service: Service, authorization: str | None, episode_id: str) -> tuple[EpisodeRow, bool]:
     """Return an episode's row, and whether the caller may see its outcome."""
     row = await service.store.episode(episode_id)
-    scored = row is not None and row.evaluation_id is not None and await is_shown(service, row)
-    public = row is not None and scored and await service.store.is_public(row.evaluation_id or "")
+    # A fork is shown with the episode that it comes from.
+    forked = row is not None and row.origin_id is not None and row.state == EpisodeState.FINISHED
+    of = await service.store.episode(row.origin_id or "") if row is not None and forked else row
+    scored = of is not None and of.evaluation_id is not None and await is_shown(service, of)
+    public = of is not None and scored and await service.store.is_public(of.evaluation_id or "")
     if row is not None and public and authorization is None:
         return row, True
     if row is not None and scored and not public:  # the operator hides it
@@ -187,11 +190,12 @@ async def _shown(service: Service, authorization: str | None, episode: str) -> E
     if row.state == EpisodeState.LOST:
         raise GoneError(f"episode {episode} is lost; it has no trajectory")
     if not shown:
-        raise _not_shown(episode)
+        raise not_shown(episode)
     return row
 
 
-def _not_shown(episode: str) -> ConflictError:
+def not_shown(episode: str) -> ConflictError:
+    """Return the error for an episode whose trial and outcome are not public yet."""
     return ConflictError(
         ProblemType.EPISODE_NOT_SHOWN, f"episode {episode} is shown once it and its whole evaluation are finished"
     )
@@ -222,6 +226,7 @@ def episode_detail(service: Service, row: EpisodeRow, *, shown: bool, last_reply
         state=state,
         seq=row.steps if last is None else last[0],
         evaluation=row.evaluation_id,
+        origin=row.origin_id,
         last_reply=orjson.loads(last[1]) if last is not None and last_reply else None,
         trial=row.trial_id if public or practice else None,
         trial_detail=Trial.model_validate_json(row.trial) if public or practice else None,

@@ -133,6 +133,7 @@ class Episodes:
                     episode.counts = await self._store.drive_evaluation(str(episode.evaluation))
                 if not episode.counts:
                     return await self._stored_step(caller, episode_id, request.seq, action, encoding)
+                episode.check_origin(action)
                 await self._take(episode, action, encoding)
             else:
                 check_same(episode_id, request.seq, action, episode.last_action)
@@ -154,6 +155,8 @@ class Episodes:
             return False
         simulator = episode.simulator
         if seq != episode.seq + 1 or episode.end is not None or simulator is None or simulator.dead:
+            return False
+        if episode.differs(action):
             return False
         if not episode.locked_now():
             return False

@@ -43,6 +43,10 @@ class OpenEpisode:
     """All actions so far, little-endian float32 [n, 3]."""
     simulator: Simulator | None = None
     """None while it is released or dead."""
+    origin: str | None = None
+    """Id of the episode that this one is a fork of."""
+    expected: bytes = b""
+    """The origin's actions up to the fork, as ``actions``: no others are taken there."""
     placed: bool = False
     """Whether the episode holds a place of the queue, with or without a simulator."""
     end: EpisodeEnd | None = None
@@ -91,6 +95,22 @@ class OpenEpisode:
                 f"episode {self.id}: seq is {seq}, but the last reply has {self.seq}; send {self.seq + 1}{again}",
             )
         return True
+
+    def differs(self, action: Action) -> bool:
+        """Return whether the next step's action is not the origin's, although the fork is still to come."""
+        begin = len(self.actions)
+        return begin < len(self.expected) and ACTION.pack(*action) != self.expected[begin : begin + ACTION.size]
+
+    def check_origin(self, action: Action) -> None:
+        """Raise ConflictError if the next step :meth:`differs`."""
+        if self.differs(action):
+            was = ACTION.unpack_from(self.expected, len(self.actions))
+            given, stored = (", ".join(f"{value:.9g}" for value in values) for values in (action, was))
+            raise ConflictError(
+                ProblemType.ACTION_MISMATCH,
+                f"episode {self.id}: the agent is not deterministic: at step {self.seq + 1}, before the fork, steer, "
+                f"throttle and brake are {given}, and {stored} in {self.origin}; send those, or DELETE the episode",
+            )
 
     def locked_now(self) -> bool:
         """Acquire the lock without waiting and return whether that worked."""

@@ -30,6 +30,8 @@ from wrongturn_service.tokens import new_id
 
 GRACE_S: Final = 3600.0
 """Seconds after the start in which no evaluation is closed as overdue: it may have been the service's fault."""
+Origin = tuple[str, bytes]
+"""Id of a fork's episode, and its packed actions up to the fork."""
 
 
 class InProgress:
@@ -120,9 +122,17 @@ class Resets:
         return unknown(vocabulary.Collection.EVALUATIONS, evaluation_id) if gone else finished(evaluation_id)
 
     async def practise(
-        self, caller: Caller, address: str, trial: Trial, encoding: Encoding, once: IdempotentRequest
+        self,
+        caller: Caller,
+        address: str,
+        trial: Trial,
+        encoding: Encoding,
+        once: IdempotentRequest,
+        origin: Origin | None = None,
     ) -> bytes:
         """Begin a practice episode and return the reply's body. Arguments and errors as for :meth:`next`.
+
+        ``origin`` is what a fork comes from.
 
         Raises:
             EpisodeRefusedError: The simulation refuses the trial.
@@ -130,7 +140,7 @@ class Resets:
         """
         self._check_stopping()
         await self._store.check_room(caller.owner, reserve_of(1, journeys=trial.journey is not None))
-        return await self._begin(caller, address, None, trial, encoding, once)
+        return await self._begin(caller, address, None, trial, encoding, once, origin)
 
     def _check_stopping(self) -> None:
         if self._episodes.stopping:
@@ -144,12 +154,13 @@ class Resets:
         trial: Trial,
         encoding: Encoding,
         once: IdempotentRequest,
+        origin: Origin | None = None,
     ) -> bytes:
         registry, practice = self._episodes.registry, evaluation is None
         payer = Payer(caller.holder, caller.owner, None if caller.submission is not None else address)
         registry.reserve(payer, practice=practice)
         try:
-            return await self._open(caller, payer, evaluation, trial, encoding, once)
+            return await self._open(caller, payer, evaluation, trial, encoding, once, origin)
         except BaseException:
             registry.give_back(payer, practice=practice)
             raise
@@ -162,6 +173,7 @@ class Resets:
         trial: Trial,
         encoding: Encoding,
         once: IdempotentRequest,
+        origin: Origin | None,
     ) -> bytes:
         track, practice, episode_id = caller.track, evaluation is None, new_id("ep")
         of = None if evaluation is None else evaluation.id
@@ -181,6 +193,8 @@ class Resets:
             )
 
         episode = OpenEpisode(episode_id, payer, of, trial, track, reply(b""), self._episodes.clock(), counts)
+        if origin is not None:
+            episode.origin, episode.expected = origin
         async with episode.lock:
             try:
                 result = await self._driver.begin(episode, encoding, f"{of} {once.key}")
@@ -198,6 +212,7 @@ class Resets:
                 state=EpisodeState.OPEN.value,
                 created=time.time(),
                 steps=0,
+                origin_id=episode.origin,
                 stored_bytes=reserve_of(1, journeys=trial.journey is not None) if practice else 0,
             )
             try:

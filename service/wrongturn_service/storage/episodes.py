@@ -47,6 +47,8 @@ class EpisodeStore(Queries):
                 await session.execute(_lost().where(*of_trial))
                 episode.seq = await next_episode(session, episode.evaluation_id)
             await check_there(session, AgentRow, episode.agent_id)
+            if episode.origin_id is not None and await session.get(EpisodeRow, episode.origin_id) is None:
+                episode.origin_id = None  # deleted meanwhile
             owner = await owner_of(session, episode.agent_id)
             if episode.evaluation_id is None:
                 episode.stored_bytes = episode.stored_bytes or ROW

@@ -6,9 +6,10 @@ Running evaluations are not public, nor is what the operator hides. No query her
 import asyncio
 import zlib
 from collections.abc import Collection, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sqlalchemy import ColumnElement, func, or_, select
+from sqlalchemy.orm import aliased
 
 from wrongturn_protocol import EpisodeState, EvaluationState, FaultKind, Outcome, Trial, twin_id
 from wrongturn_service.storage.models import AgentRow, EpisodeRow, EvaluationRow, TrajectoryRow
@@ -100,6 +101,15 @@ class FinishedStore(Queries):
             wanted = or_(*(EpisodeRow.trial_id.like(one) for one in named))
         return next(iter(await self._episodes(EpisodeRow.evaluation_id == episode.evaluation, wanted)), None)
 
+    async def forks(self, episode_id: str) -> list[FinishedEpisode]:
+        """Return the finished forks of an episode, or the one with this id, in the order of their resets.
+
+        Each has the evaluation of the episode that it comes from.
+        """
+        origin = aliased(EpisodeRow)
+        mine = or_(EpisodeRow.origin_id == episode_id, EpisodeRow.id == episode_id)
+        return await self._episodes(mine, of=origin, order=EpisodeRow.created)
+
     async def trajectories(self, evaluation_id: str, episodes: Collection[str] | None = None) -> dict[str, bytes]:
         """Return the canonical JSON of an evaluation's trajectories, by episode.
 
@@ -116,13 +126,18 @@ class FinishedStore(Queries):
         rows = await self._rows(query)
         return await asyncio.to_thread(lambda: {episode: zlib.decompress(data) for episode, data in rows})
 
-    async def _episodes(self, *conditions: ColumnElement[bool]) -> list[FinishedEpisode]:
+    async def _episodes(
+        self, *conditions: ColumnElement[bool], of: type[EpisodeRow] = EpisodeRow, order: Any = EpisodeRow.seq
+    ) -> list[FinishedEpisode]:
+        """Return finished episodes. ``of`` is whose evaluation has to be public: they themselves, or their origins."""
         ended = EpisodeRow.state == EpisodeState.FINISHED, EpisodeRow.outcome.is_not(None)
+        chosen = select(EpisodeRow.id, EvaluationRow.id, EpisodeRow.trial, EpisodeRow.outcome)
+        if of is not EpisodeRow:
+            chosen = chosen.join(of, of.id == EpisodeRow.origin_id)
         query = (
-            select(EpisodeRow.id, EvaluationRow.id, EpisodeRow.trial, EpisodeRow.outcome)
-            .join(EvaluationRow, EvaluationRow.id == EpisodeRow.evaluation_id)
+            chosen.join(EvaluationRow, EvaluationRow.id == of.evaluation_id)
             .where(*public_evaluations(), *ended, *conditions)
-            .order_by(EpisodeRow.seq)
+            .order_by(order)
         )
         return [
             FinishedEpisode(row, evaluation, Trial.model_validate_json(trial), Outcome.model_validate_json(outcome))

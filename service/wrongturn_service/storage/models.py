@@ -166,6 +166,8 @@ class EpisodeRow(Base):
     trajectory_sha256: Mapped[str | None] = mapped_column(_SHA)
     seq: Mapped[int | None] = mapped_column(Integer)
     """Order of the resets of an evaluation, from 1. Practice has none."""
+    origin_id: Mapped[str | None] = _of("episodes", ondelete="SET NULL", index=True)
+    """The episode that this practice is a fork of."""
     stored_bytes: Mapped[int] = _bytes()
     """Bytes of the row and its trajectory. Practice has what they can come to until its end."""
 

@@ -16,6 +16,7 @@ from wrongturn_service.service import Service
 from wrongturn_service.storage.finished import FinishedEpisode
 from wrongturn_service.web import words
 from wrongturn_service.web.drives import Moment, drive, moments
+from wrongturn_service.web.forks import forks_of, told
 from wrongturn_service.web.page import SECURITY, page
 
 router = APIRouter(include_in_schema=False)
@@ -34,21 +35,35 @@ class Shown(NamedTuple):
 
 
 @router.api_route("/episodes/{episode}", methods=["GET", "HEAD"])
-async def show(request: Request, service: ServiceDep, episode: str) -> Response:
-    """Show a finished episode of a finished evaluation."""
+async def show(request: Request, service: ServiceDep, episode: str, fork: str | None = None) -> Response:
+    """Show a finished episode of a finished evaluation, beside its twin and a fork."""
     found = await _found(service, episode)
     driven = await service.finished.evaluation(found.evaluation)
     assert driven is not None
     evaluation, agent = driven
     pair = await service.finished.counterpart(found)
-    drives = [await _shown(service, one) for one in (found, pair) if one is not None]
-    return page(request, "episode.html", drives=drives, evaluation=evaluation, agent=agent, words=words)
+    forks = forks_of(found.outcome, await service.finished.forks(found.id), fork)
+    drives = [await _shown(service, one) for one in (found, pair, forks.shown) if one is not None]
+    if forks.no_return is not None and drives[0].moments:
+        drives[0].moments.append(forks.no_return)
+        drives[0].moments.sort(key=lambda moment: moment.decision)
+    return page(
+        request,
+        "episode.html",
+        drives=drives,
+        twin=pair,
+        forks=forks,
+        told=told,
+        evaluation=evaluation,
+        agent=agent,
+        words=words,
+    )
 
 
 @router.api_route("/episodes/{episode}/drive.json", methods=["GET", "HEAD"])
 async def rows(request: Request, service: ServiceDep, episode: str) -> Response:
     """Send what the page's scripts draw."""
-    found = await _found(service, episode)
+    found = await _found(service, episode, forks=True)
     body = await service.replays.made("drive", found.id, drive)
     headers = {**SECURITY, "Cache-Control": "no-cache", "Vary": "Accept-Encoding"}
     if "gzip" in request.headers.get("accept-encoding", ""):
@@ -58,8 +73,10 @@ async def rows(request: Request, service: ServiceDep, episode: str) -> Response:
     return tagged(request, body, Encoding.JSON, headers)
 
 
-async def _found(service: Service, episode: str) -> FinishedEpisode:
+async def _found(service: Service, episode: str, *, forks: bool = False) -> FinishedEpisode:
     found = await service.finished.episode(episode)
+    if found is None and forks:
+        found = next((one for one in await service.finished.forks(episode) if one.id == episode), None)
     if found is None:
         raise NotFoundError(
             ProblemType.UNKNOWN_EPISODE,
@@ -73,6 +90,8 @@ async def _shown(service: Service, episode: FinishedEpisode) -> Shown:
     name = "The twin, without a fault" if trial.is_twin else "The trial, with the fault"
     if trial.journey is not None:
         name = "The journey"
+    if trial.fork is not None:
+        name = f"What if: {told(episode)}"
     found: list[Moment] = []
     missing = None
     try:

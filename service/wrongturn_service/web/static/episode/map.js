@@ -68,8 +68,9 @@ export function around(town, pose) {
 
 /** One drive on the town's map. */
 export class DriveMap {
-  constructor(canvas, town, drive, side) {
-    Object.assign(this, { canvas, town, drive, side });
+  /** `noReturn` is the decision to mark as the point of no return; NaN for none. */
+  constructor(canvas, town, drive, side, noReturn) {
+    Object.assign(this, { canvas, town, drive, side, noReturn });
     this.context = canvas.getContext("2d");
   }
 
@@ -98,6 +99,7 @@ export class DriveMap {
     this.drawOthers(position, colour);
     this.drawVerdict(colour);
     this.drawCar(poseAt(this.drive, position), colour);
+    this.drawNoReturn(colour);
     context.restore();
     this.drawScale(scale, height, colour);
   }
@@ -224,6 +226,19 @@ export class DriveMap {
       context.rect(x - r, y - r, 2 * r, 2 * r);
     }
     context.stroke();
+  }
+
+  drawNoReturn(colour) {
+    const { context, drive, noReturn, pixel } = this;
+    if (!(noReturn < drive.t.length)) return;
+    const [x, y, r] = [drive.x[noReturn], drive.y[noReturn], 8 * pixel];
+    context.fillStyle = colour("--text");
+    context.beginPath();
+    for (const corner of [0, 1, 2]) {
+      const angle = this.town.up + (corner * 2 * Math.PI) / 3;
+      context.lineTo(x + r * Math.cos(angle), y + r * Math.sin(angle));
+    }
+    context.fill();
   }
 
   drawScale(scale, height, colour) {

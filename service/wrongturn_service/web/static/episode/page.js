@@ -1,4 +1,4 @@
-// The replay of an episode, and of its twin at the same time.
+// The replay of an episode, and of its twin and a fork at the same time.
 import { CameraView } from "./camera.js";
 import { DriveMap, Town, around, whole } from "./map.js";
 import { Player } from "./player.js";
@@ -42,7 +42,8 @@ function linkMoments(seek) {
 }
 
 function start(detail, drives) {
-  const { journey, approach } = section.dataset;
+  const { journey, approach, noReturn: marked } = section.dataset;
+  const noReturn = Number(marked ?? NaN);
   const town = new Town(detail, journey === undefined ? approach : null);
   const everything = whole(town, drives);
   const count = Math.max(...drives.map((drive) => drive.t.length));
@@ -51,7 +52,7 @@ function start(detail, drives) {
   const current = (name) => colour(name);
   section.hidden = false;
 
-  const maps = drives.map((drive, i) => new DriveMap(figures[i].querySelector(".map"), town, drive, sides[i]));
+  const maps = drives.map((drive, i) => new DriveMap(figures[i].querySelector(".map"), town, drive, sides[i], figures[i].dataset.twin === undefined ? noReturn : NaN));
   const cameras = drives.map((drive, i) => {
     const [canvas, unseen] = [".camera", ".unseen"].map((name) => figures[i].querySelector(name));
     return new CameraView(canvas, figures[i].dataset.episode, drive.t.length, unseen);
@@ -102,6 +103,7 @@ function start(detail, drives) {
     speedPlot(section.querySelector(".speeds"), drives, sides, seek, current),
     commandPlot(section.querySelector(".commands"), drives, seek, current),
   ];
+  plots.forEach((plot) => plot.mark(noReturn));
   const again = () => {
     colour = colours();
     plots.forEach((plot) => plot.redraw());

@@ -36,9 +36,24 @@ class Plot {
     this.now.style.transform = `translateX(${this.chart.valToPos(position * STEP, "x")}px)`;
   }
 
+  /** Mark a decision as the point of no return, if it is a number. */
+  mark(decision) {
+    this.marked = document.createElement("div");
+    this.marked.className = "no-return";
+    this.marked.hidden = Number.isNaN(decision);
+    this.decision = decision;
+    this.chart.over.append(this.marked);
+    this.place();
+  }
+
+  place() {
+    if (!this.marked.hidden) this.marked.style.transform = `translateX(${this.chart.valToPos(this.decision * STEP, "x")}px)`;
+  }
+
   /** Draw again, in the width and the colours that the page has now. */
   redraw() {
     this.chart.setSize({ width: Math.max(this.parent.clientWidth, 200), height: HEIGHT });
+    this.place();
   }
 }
 
@@ -48,10 +63,10 @@ const times = (drives) => {
 };
 const filled = (values, count) => Array.from({ length: count }, (_, i) => values[i] ?? null);
 
-/** Return the plot of the speeds of one or two drives; the second one is dashed. */
+/** Return the plot of the speeds of up to three drives; the second one is dashed, the third one dotted. */
 export function speedPlot(parent, drives, sides, seek, colour) {
   const t = times(drives);
-  const series = drives.map((_, i) => ({ stroke: () => colour(`--${sides[i]}`), width: 2, dash: i ? [6, 5] : [], points: { show: false } }));
+  const series = drives.map((_, i) => ({ stroke: () => colour(`--${sides[i]}`), width: 2, dash: [[], [6, 5], [2, 4]][i], points: { show: false } }));
   const data = [t, ...drives.map((drive) => filled(drive.v.map((v) => 3.6 * v), t.length))];
   const top = Math.max(20, ...drives.map((drive) => 3.6 * Math.max(...drive.v)));
   return new Plot(parent, data, series, { size: AXIS }, [0, 1.1 * top], seek, colour);
