@@ -85,33 +85,27 @@ def check_fork(stored: Trajectory, whatif: WhatIf, decision: int, command: Comma
     return fork
 
 
-@pytest.mark.parametrize("agent", ["careful", "scripted_forks:Latch"])
-def test_bytes_before_a_fork_are_the_stored_ones(folder: str, agent: str) -> None:
-    stored = driven(agent, folder, trial_of())
-    whatif = WhatIf(stored, *loaded(agent, folder))
-    for decision in (0, 1, len(whatif.actions) // 2, len(whatif.actions) - 1):
-        for command in (None, Command.LEFT, Command.VOID):
-            check_fork(stored, whatif, decision, command)
-    assert whatif.differs is None
-    # The command that was delivered anyway: the fork is the episode itself but for what its trial says.
-    twin = driven(agent, folder, trial_of("none"))
-    fork = WhatIf(twin, *loaded(agent, folder)).fork(5, None).trajectory
-    fork.trial = twin.trial
-    assert fork.to_json() == twin.to_json()
-
-
-@pytest.mark.soak
-def test_a_hundred_episodes(folder: str) -> None:
-    for seed in range(100):
+@pytest.mark.parametrize("episodes", [3, pytest.param(100, marks=pytest.mark.soak)])
+def test_bytes_before_a_fork_are_the_stored_ones(folder: str, episodes: int) -> None:
+    for seed in range(episodes):
         agent = ("careful", "obeys-blindly", "scripted_forks:Latch")[seed % 3]
         approach = ("J3-S", "J1-N", "J9-W")[seed // 3 % 3]
         stored = driven(agent, folder, trial_of(("infeasible", "omission")[seed % 2], seed, approach))
         whatif = WhatIf(stored, *loaded(agent, folder))
         random.seed(seed)
-        command = random.choice([None, *Command])
-        check_fork(stored, whatif, random.randrange(len(whatif.actions)), command)
+        last = len(whatif.actions) - 1
+        for decision in (0, 1, random.randrange(last), last):
+            for command in (None, Command.LEFT, random.choice(list(Command))):
+                check_fork(stored, whatif, decision, command)
         assert whatif.differs is None
-    print("\n100 episodes: the bytes before the fork are equal")
+
+
+def test_the_command_that_was_delivered_gives_the_episode_itself(folder: str) -> None:
+    """But for what its trial says."""
+    twin = driven("careful", folder, trial_of("none"))
+    fork = WhatIf(twin, *loaded("careful", folder)).fork(5, None).trajectory
+    fork.trial = twin.trial
+    assert fork.to_json() == twin.to_json()
 
 
 @pytest.mark.parametrize(("agent", "metres"), [("Early", 11.0), ("Latch", 8.0), ("Late", 5.0)])

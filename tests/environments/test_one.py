@@ -8,7 +8,6 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from kinds import BRAKE, GAS, Environments
 
-from wrongturn_client import ApiError, Client
 from wrongturn_networks import draw_trial, load_suite, load_town
 from wrongturn_networks.faults import available_faults
 from wrongturn_protocol import Action, Command, Fault, FaultKind, OptionError, Track
@@ -224,10 +223,3 @@ def test_a_trial_looks_the_same_in_process_and_over_the_wire(
         assert {name: array.tobytes() for name, array in one.items()} == {
             name: array.tobytes() for name, array in other.items()
         }
-
-
-def test_a_service_says_what_is_wrong_with_a_fault(over_the_wire: Environments) -> None:
-    with pytest.raises(ApiError, match=r"fault.kind: custom is not installed; take one of none, infeasible, omission"):
-        over_the_wire.one(fault="custom").reset()
-    with Client(over_the_wire.options["url"], "") as client:
-        assert client.ready()

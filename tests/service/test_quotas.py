@@ -1,5 +1,6 @@
 """What an owner and an address may have: agents, open episodes and stored bytes."""
 
+import asyncio
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -9,7 +10,7 @@ import httpx
 import pytest
 from app_harness import application, register, step
 from fake_pool import FakePool
-from service_harness import expect, problem
+from service_harness import GAS, expect, problem
 from sqlalchemy import func, select, update
 
 from wrongturn_service.storage import usage
@@ -235,6 +236,35 @@ async def test_what_does_not_fit_is_refused_and_leaves_nothing(tmp_path: Path, w
             assert answers[0].status_code == 201
             problem(answers[-1], 507, "quota-reached")
         await drive_to_the_end(http, held)  # what is begun is stored
+
+
+async def test_an_address_that_fills_the_disk_keeps_to_its_quota_and_others_drive_on(tmp_path: Path) -> None:
+    limits = {"bytes_per_address": 3 * MIB, "registration_limit": 10_000, "accounts_per_address": 10_000}
+    async with application(tmp_path, FakePool(slots=8), **limits) as http, at(http, "192.0.2.9") as elsewhere:
+        body = {"name": "other", "track": "privileged"}
+        other = {"Authorization": f"Bearer {expect(await elsewhere.post('/v1/agents', json=body), 201)['token']}"}
+        statuses = set()
+        for turn in range(500):
+            texts = {"track": "camera", "description": "y" * 2000}
+            keys = [{"Idempotency-Key": f"{what} {turn}"} for what in ("practice", "evaluation")]
+            answers = await asyncio.gather(
+                *(register(http, name=f"agent {turn} {number}", **texts) for number in range(8)),
+                register(http, "/v1/owners", name=f"owner {turn}", contact="y" * 100),
+                http.post("/v1/episodes", json=PRACTICE, headers=keys[0]),
+                http.post("/v1/evaluations", json={"suite": "smoke@3"}, headers=keys[1]),
+            )
+            statuses |= {answer.status_code for answer in answers}
+            if answers[-1].status_code == 201:
+                expect(await http.delete(f"/v1/evaluations/{answers[-1].json()['id']}"), 200)
+                await inflate(http, expect(answers[-2], 201)["id"], 7 * MIB // 4)
+            sizes = await stored(http)
+            assert sum(sizes.values()) - sizes["other"] <= 3 * MIB
+            if all(answer.status_code == 507 for answer in answers[:9]):
+                break
+        assert {201, 507} <= statuses <= {201, 409, 429, 503, 507}
+        begun = expect(await elsewhere.post("/v1/episodes", json=PRACTICE, headers=other), 201)["id"]
+        step_of = {"seq": 1, "action": GAS}
+        expect(await elsewhere.post(f"/v1/episodes/{begun}/step", json=step_of, headers=other), 200)
 
 
 async def test_owners_that_never_drove_and_lost_episodes_are_deleted(tmp_path: Path) -> None:

@@ -1,17 +1,16 @@
-"""Programs on a Ray cluster, and simulators among them. ``benchmarks/ray_kills.py`` kills them in earnest."""
+"""Programs on a node of a Ray cluster. Real clusters are in ``test_submissions_ray.py``."""
 
 import asyncio
 import contextlib
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from app_harness import until
 from pydantic import ValidationError
-from service_harness import RunningService, await_that, expect, figure
+from service_harness import await_that
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
@@ -23,52 +22,6 @@ from wrongturn_service.cluster.connecting import CertificateError, connect, way
 from wrongturn_service.cluster.listener import Listener
 from wrongturn_service.cluster.options import server_tls
 from wrongturn_service.settings import Settings
-
-TRACK = {"track": "camera", "traffic": {"vehicles": 3}}
-
-
-@pytest.fixture(scope="module")
-def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
-    with pytest.MonkeyPatch.context() as patch, Nodes(workers=1, cores=2) as nodes:
-        for name, value in nodes.environment.items():
-            patch.setenv(name, value)
-        yield nodes
-
-
-@pytest.fixture(scope="module")
-def on_ray(nodes: Nodes, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
-    database = tmp_path_factory.mktemp("ray") / "wrongturn.db"
-    running = RunningService(database, simulators="ray:6", ray_address=nodes.address, ray_listen="127.0.0.1:0")
-    assert running.ready, running.stderr
-    yield running
-    assert running.stop() == 0, running.stderr
-    await_that(lambda: not nodes.simulators(1), "simulators outlive their service")
-
-
-@pytest.mark.slow
-def test_drives_on_a_node_and_here_give_the_same_bytes_whatever_is_killed(
-    nodes: Nodes, on_ray: RunningService, service: RunningService
-) -> None:
-    assert on_ray.simulators() == []
-    assert (figure(on_ray, "wrongturn_simulator_slots"), figure(on_ray, "wrongturn_ray_cores")) == (6, 2)
-    seen, trajectories = [], []
-    for running in (service, on_ray):
-        with running.agent("camera") as agent:
-            episode = agent.practise(**TRACK)["id"]
-            replies = [expect(agent.step(episode, seq), 200) for seq in range(1, 6)]
-            if running is on_ray:
-                (simulator,) = nodes.simulators(1)
-                simulator.kill()
-            replies.append(expect(agent.step(episode, 6), 200))
-            if running is on_ray:
-                (driver,) = nodes.children(running.process.pid)
-                driver.kill()
-                await_that(lambda: figure(on_ray, "wrongturn_ray_connections") == 2, "no driver came after")
-            seen.append([*replies, agent.drive(episode, begin=7)])
-            trajectories.append(agent.trajectory(episode))
-    assert seen[0] == seen[1]
-    assert trajectories[0] == trajectories[1]
-    assert figure(on_ray, "wrongturn_replays_total") >= 1
 
 
 def test_a_program_on_a_node(tmp_path: Path) -> None:

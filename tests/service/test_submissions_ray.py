@@ -1,4 +1,7 @@
-"""Models that are driven on the nodes of a Ray cluster: hostile ones are stopped, and only sandboxes run any."""
+"""Simulators and models on the nodes of a Ray cluster: hostile models are stopped, and only sandboxes run any.
+
+``benchmarks/ray_kills.py`` kills them in earnest.
+"""
 
 import asyncio
 import os
@@ -13,7 +16,7 @@ from app_harness import until
 from corpus import CORPUS, Case
 from service_harness import OPERATOR, RunningService, await_that, expect, figure
 from submission_owner import Owner
-from test_submissions_real import SOME, outcome
+from test_submissions_real import SOME, outcome, owner  # noqa: F401 - a fixture
 
 from wrongturn_sandbox import SandboxUnavailableError, bubblewrap, gpu
 from wrongturn_sandbox.session import providers
@@ -27,6 +30,7 @@ from ray_nodes import Nodes
 
 pytestmark = pytest.mark.slow
 EPISODES = 12
+TRACK = {"track": "camera", "traffic": {"vehicles": 3}}
 
 
 class Mixed(Nodes):
@@ -41,9 +45,12 @@ class Mixed(Nodes):
     def programs(self, number: int, name: str) -> list[psutil.Process]:
         return self._named(number, name)
 
+    def all_simulators(self) -> list[psutil.Process]:
+        return [simulator for number in self.workers for simulator in self.simulators(number)]
+
 
 @pytest.fixture(scope="module")
-def nodes(bubblewrap: None) -> Iterator[Mixed]:
+def nodes() -> Iterator[Mixed]:
     with pytest.MonkeyPatch.context() as patch, Mixed() as nodes:
         for name, value in nodes.environment.items():
             patch.setenv(name, value)
@@ -51,7 +58,42 @@ def nodes(bubblewrap: None) -> Iterator[Mixed]:
 
 
 @pytest.fixture(scope="module")
-def serving(nodes: Mixed, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
+def on_ray(nodes: Mixed, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
+    database = tmp_path_factory.mktemp("ray") / "wrongturn.db"
+    running = RunningService(database, simulators="ray:6", ray_address=nodes.address, ray_listen="127.0.0.1:0")
+    assert running.ready, running.stderr
+    yield running
+    assert running.stop() == 0, running.stderr
+    await_that(lambda: not nodes.all_simulators(), "simulators outlive their service")
+
+
+def test_drives_on_a_node_and_here_give_the_same_bytes_whatever_is_killed(
+    nodes: Mixed, on_ray: RunningService, service: RunningService
+) -> None:
+    assert on_ray.simulators() == []
+    assert (figure(on_ray, "wrongturn_simulator_slots"), figure(on_ray, "wrongturn_ray_cores")) == (6, 2)
+    seen, trajectories = [], []
+    for running in (service, on_ray):
+        with running.agent("camera") as agent:
+            episode = agent.practise(**TRACK)["id"]
+            replies = [expect(agent.step(episode, seq), 200) for seq in range(1, 6)]
+            if running is on_ray:
+                (simulator,) = nodes.all_simulators()
+                simulator.kill()
+            replies.append(expect(agent.step(episode, 6), 200))
+            if running is on_ray:
+                (driver,) = nodes.children(running.process.pid)
+                driver.kill()
+                await_that(lambda: figure(on_ray, "wrongturn_ray_connections") == 2, "no driver came after")
+            seen.append([*replies, agent.drive(episode, begin=7)])
+            trajectories.append(agent.trajectory(episode))
+    assert seen[0] == seen[1]
+    assert trajectories[0] == trajectories[1]
+    assert figure(on_ray, "wrongturn_replays_total") >= 1
+
+
+@pytest.fixture(scope="module")
+def serving(bubblewrap: None, nodes: Mixed, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
     folder = tmp_path_factory.mktemp("ray")
     given = {"ray_address": nodes.address, "ray_listen": "127.0.0.1:0", "operator_token": OPERATOR}
     running = RunningService(
@@ -63,13 +105,6 @@ def serving(nodes: Mixed, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
     assert running.stop() == 0, running.stderr
     assert '"level": "error"' not in running.stderr, running.stderr
     await_that(lambda: not nodes.programs(1, "wrongturn_runner"), "runners outlive their service")
-
-
-@pytest.fixture
-def owner(serving: RunningService) -> Iterator[Owner]:
-    owner = Owner(serving.url)
-    yield owner
-    owner.close()
 
 
 def test_a_node_without_a_sandbox_drives_nothing_and_the_service_says_so(serving: RunningService, owner: Owner) -> None:

@@ -13,50 +13,33 @@ from wrongturn_service.settings import Settings
 FOLDER = Path(__file__).parents[2] / "docker/kubernetes"
 MANIFESTS = [manifest for file in sorted(FOLDER.glob("*.yaml")) for manifest in yaml.safe_load_all(file.read_text())]
 KUBERNETES = "1.33"
+
+
+def _closed(required: list[str] | None = None, **properties: object) -> dict[str, Any]:
+    return {"type": "object", "required": required or [], "additionalProperties": False, "properties": properties}
+
+
 _GROUP = {
     "template": {"type": "object", "required": ["spec"]},
     "rayStartParams": {"type": "object", "additionalProperties": {"type": "string"}},
 }
-_COUNT = {"type": "integer", "minimum": 0}
+_COUNTS = {name: {"type": "integer", "minimum": 0} for name in ("replicas", "minReplicas", "maxReplicas")}
+_WORKERS = ["groupName", "maxReplicas", "minReplicas", "template"]
 RAY_CLUSTER = {
     "type": "object",
     "required": ["apiVersion", "kind", "metadata", "spec"],
     "properties": {
         "apiVersion": {"const": "ray.io/v1"},
-        "spec": {
-            "type": "object",
-            "required": ["headGroupSpec"],
-            "additionalProperties": False,
-            "properties": {
-                "rayVersion": {"type": "string"},
-                "authOptions": {
-                    "type": "object",
-                    "additionalProperties": False,
-                    "properties": {"mode": {"enum": ["disabled", "token"]}},
-                },
-                "headGroupSpec": {
-                    "type": "object",
-                    "required": ["template"],
-                    "additionalProperties": False,
-                    "properties": _GROUP,
-                },
-                "workerGroupSpecs": {
-                    "type": "array",
-                    "items": {
-                        "type": "object",
-                        "required": ["groupName", "maxReplicas", "minReplicas", "template"],
-                        "additionalProperties": False,
-                        "properties": {
-                            "groupName": {"type": "string"},
-                            "replicas": _COUNT,
-                            "minReplicas": _COUNT,
-                            "maxReplicas": _COUNT,
-                            **_GROUP,
-                        },
-                    },
-                },
+        "spec": _closed(
+            ["headGroupSpec"],
+            rayVersion={"type": "string"},
+            authOptions=_closed(mode={"enum": ["disabled", "token"]}),
+            headGroupSpec=_closed(["template"], **_GROUP),
+            workerGroupSpecs={
+                "type": "array",
+                "items": _closed(_WORKERS, groupName={"type": "string"}, **_COUNTS, **_GROUP),
             },
-        },
+        ),
     },
 }
 """Those fields of KubeRay's ``ray.io/v1`` that we use, and no others, so that a misspelt one is found."""
