@@ -116,9 +116,9 @@ def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]
     )
 
 
-def started(url: str, agent: str = "careful", **extra) -> SavedRun:
+def started(url: str, agent: str = "careful", suite: str = SUITE, **extra) -> SavedRun:
     extra.setdefault("name", f"{agent.replace(':', '-')} {next(NUMBERS)}")
-    return begin(agent, SUITE, resolve(agent), url, **{"operator_token": OPERATOR, **extra})
+    return begin(agent, suite, resolve(agent), url, **{"operator_token": OPERATOR, **extra})
 
 
 def no_progress(finished: int, total: int) -> None: ...
@@ -230,21 +230,27 @@ def test_a_file_without_a_token(tmp_path, monkeypatch, content, says):
     assert settings.token() == "given"
 
 
-def test_an_unknown_suite_registers_nobody(url):
-    with pytest.raises(NotFoundError, match="no-such-suite@1"):
-        begin("careful", "no-such-suite@1", resolve("careful"), url, operator_token=OPERATOR, name="unlucky")
+NO_NAME = r"--name: '.*' cannot be a name; give at most 64 letters"
+
+
+@pytest.mark.parametrize(
+    ("agent", "given", "says"),
+    [
+        ("careful", {"suite": "nope@1"}, r"nope@1.*smoke@3"),
+        ("careful", {"owner_token": "guess"}, r"WRONGTURN_OWNER_TOKEN: .* does not take it: nobody has this token"),
+        ("own_agents:Blind", {}, r"is driven in the tracks .*, and blind wants state"),
+        ("careful", {"name": " "}, NO_NAME),
+        ("careful", {"name": "x" * 65}, NO_NAME),
+        ("own_agents:OddName", {"name": None}, NO_NAME),
+    ],
+)
+def test_what_a_service_does_not_take_registers_nobody_and_leaves_nothing(url, home, agent, given, says):
     with Client(url) as client:
-        assert "unlucky" not in {agent.name for agent in client.agents(everybody=True)}
-
-
-def test_an_owners_token_that_nobody_has_is_told(url):
-    with pytest.raises(RunError, match=r"WRONGTURN_OWNER_TOKEN: .* does not take it: nobody has this token"):
-        started(url, owner_token="guess")
-
-
-def test_a_track_that_the_suite_lacks(url):
-    with pytest.raises(RunError, match=r"is driven in the tracks .*, and blind wants state"):
-        started(url, "own_agents:Blind")
+        before = client.agents(everybody=True)
+        with pytest.raises((RunError, NotFoundError), match=says):
+            started(url, agent, **given)
+        assert client.agents(everybody=True) == before
+    assert not list(home.glob("runs/*"))
 
 
 def test_an_interrupted_run_goes_on(url):
@@ -366,12 +372,6 @@ def test_an_action_that_cannot_be_driven_is_told_in_one_line(act, says):
     assert caught.value.__cause__ is None, "so the program prints no traceback"
 
 
-@pytest.mark.parametrize(("agent", "name"), [("careful", " "), ("careful", "x" * 65), ("own_agents:OddName", None)])
-def test_a_name_that_cannot_be_one_is_told(url, agent, name):
-    with pytest.raises(RunError, match=r"--name: '.*' cannot be a name; give at most 64 letters"):
-        started(url, agent, name=name)
-
-
 def test_what_cannot_be_gone_on_with_registers_nobody(url, home):
     home.write_text("a file, where a directory should be")
     with pytest.raises(RunFileError, match="let WRONGTURN_HOME name a writable directory"):
@@ -428,11 +428,6 @@ def test_mistakes_are_told_before_anything_starts(arguments, says, monkeypatch):
     assert says in str(caught.value)
 
 
-def test_which_suites_there_are_is_the_services_to_say(url):
-    with pytest.raises(NotFoundError, match=r"nope@1.*smoke@3"):
-        cli.run(["careful"], suite="nope@1", url=url)
-
-
 def test_a_mistake_is_one_line():
     done = run("careful", "--url", "http://127.0.0.1:9", "--suite", SUITE)
     assert done.returncode == 1
@@ -440,7 +435,7 @@ def test_a_mistake_is_one_line():
     assert len(done.stderr.strip().splitlines()) == 1
 
 
-def test_another_agent_cannot_go_on_with_a_run(url):
+def test_what_is_given_already_is_not_given_anew(url):
     saved_run = started(url)
     with pytest.raises(RunError, match=r"AGENT: that run is of careful, not of parked"):
         cli.run(["parked"], resume=saved_run.evaluation)
@@ -448,6 +443,8 @@ def test_another_agent_cannot_go_on_with_a_run(url):
         cli.run(name="another", resume=saved_run.evaluation)
     with pytest.raises(RunError, match=r"--suite: that run is on smoke@3 already; leave --suite out with --resume"):
         cli.run(suite="wrong-command@3", resume=saved_run.evaluation)
+    with pytest.raises(RunError, match=f"--keep: {url} keeps its own database"):
+        cli.run(["careful"], suite=SUITE, url=url, keep=True)
 
 
 @pytest.fixture
@@ -466,6 +463,9 @@ def own_service(url, monkeypatch):
 
 
 def test_a_runs_own_database_is_thrown_away_unless_it_is_kept(own_service, home, tmp_path, capsys):
+    with pytest.raises(RunError, match=NO_NAME):
+        cli.run(["parked"], suite=SUITE, name="!")
+    assert list((home / "runs").iterdir()) == [], "it did not begin"
     cli.run([LEAVES], suite=SUITE, name="thrown away")
     assert "Would not be ranked on smoke@3: Completed 0 of 6 twins" in capsys.readouterr().out
     assert list((home / "runs").iterdir()) == []
@@ -483,12 +483,6 @@ def test_a_runs_own_database_is_thrown_away_unless_it_is_kept(own_service, home,
         cli.run(resume=str(saved))
 
 
-def test_a_run_that_did_not_begin_leaves_nothing(own_service, home):
-    with pytest.raises(RunError, match=r"--name: '.*' cannot be a name"):
-        cli.run(["parked"], suite=SUITE, name="!")
-    assert list((home / "runs").iterdir()) == []
-
-
 def test_a_file_that_cannot_be_written_keeps_the_runs_own_database(own_service, tmp_path):
     (tmp_path / ".run.json.new").mkdir()  # stands for a full disk
     with pytest.raises(RunError, match=r"--json: run\.json cannot be written"):
@@ -499,11 +493,6 @@ def test_a_file_that_cannot_be_written_keeps_the_runs_own_database(own_service, 
     cli.run(resume=str(saved), json_file=Path("run.json"))
     assert len(RunFile.read(Path("run.json")).episodes) == 12
     assert not own_service[-1].exists()
-
-
-def test_a_service_that_stays_keeps_its_own_database(url):
-    with pytest.raises(RunError, match=f"--keep: {url} keeps its own database"):
-        cli.run(["careful"], suite=SUITE, url=url, keep=True)
 
 
 def test_a_suite_is_practised_without_a_score(url, capsys, monkeypatch):

@@ -4,8 +4,8 @@ The long run, 200 kills over both databases, is ``script/test tests/faults -m so
 ``WRONGTURN_FAULT_SEED`` gives it other moments.
 """
 
+import contextlib
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,12 +16,6 @@ from postgres_server import running_server
 from worker import HTTP, SOCKET
 
 FEW_SEATS = (("careful", HTTP, 1), ("careful", SOCKET, 2))
-
-
-@pytest.fixture
-def postgres() -> Iterator[Server]:
-    with running_server() as found:
-        yield Server(found.server)
 
 
 def check(report: Report, kills: int) -> None:
@@ -41,13 +35,9 @@ def test_a_few_kills_with_sqlite(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 @pytest.mark.timeout(3600)
-def test_a_hundred_kills_with_sqlite(tmp_path: Path) -> None:
+@pytest.mark.parametrize("database", ["SQLite", "PostgreSQL"])
+def test_a_hundred_kills(database: str, tmp_path: Path) -> None:
     seed = int(os.environ.get("WRONGTURN_FAULT_SEED", "3"))
-    check(run(File(tmp_path), tmp_path, moments(seed, 100, NO_SERVER)), 100)
-
-
-@pytest.mark.soak
-@pytest.mark.timeout(3600)
-def test_a_hundred_kills_with_postgresql(postgres: Server, tmp_path: Path) -> None:
-    seed = int(os.environ.get("WRONGTURN_FAULT_SEED", "3"))
-    check(run(postgres, tmp_path, moments(seed, 100, ALL)), 100)
+    with running_server() if database == "PostgreSQL" else contextlib.nullcontext() as found:
+        store, victims = (Server(found.server), ALL) if found is not None else (File(tmp_path), NO_SERVER)
+        check(run(store, tmp_path, moments(seed, 100, victims)), 100)

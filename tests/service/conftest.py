@@ -12,6 +12,7 @@ sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("sandbox", "
 
 from postgres_server import PostgresServer, running_server
 from service_harness import OPERATOR, Agent, RunningService
+from submission_owner import Owner
 
 
 @pytest.fixture(scope="session")
@@ -55,6 +56,14 @@ def seeing(service: RunningService) -> Iterator[Agent]:
 def other(service: RunningService) -> Iterator[Agent]:
     with service.agent() as agent:
         yield agent
+
+
+@pytest.fixture
+def owner(serving: RunningService) -> Iterator[Owner]:
+    """Who hands in models to the service that a file calls ``serving``."""
+    owner = Owner(serving.url)
+    yield owner
+    owner.close()
 
 
 @pytest.fixture(scope="session")

@@ -16,7 +16,7 @@ from app_harness import until
 from corpus import CORPUS, Case
 from service_harness import OPERATOR, RunningService, await_that, expect, figure
 from submission_owner import Owner
-from test_submissions_real import SOME, outcome, owner  # noqa: F401 - a fixture
+from test_submissions_real import SOME, outcome
 
 from wrongturn_sandbox import SandboxUnavailableError, bubblewrap, gpu
 from wrongturn_sandbox.session import providers
@@ -62,6 +62,7 @@ def on_ray(nodes: Mixed, tmp_path_factory: pytest.TempPathFactory) -> Iterator[R
     database = tmp_path_factory.mktemp("ray") / "wrongturn.db"
     running = RunningService(database, simulators="ray:6", ray_address=nodes.address, ray_listen="127.0.0.1:0")
     assert running.ready, running.stderr
+    await_that(lambda: figure(running, "wrongturn_ray_cores") == 2, "the cluster is not complete")
     yield running
     assert running.stop() == 0, running.stderr
     await_that(lambda: not nodes.all_simulators(), "simulators outlive their service")
@@ -71,7 +72,7 @@ def test_drives_on_a_node_and_here_give_the_same_bytes_whatever_is_killed(
     nodes: Mixed, on_ray: RunningService, service: RunningService
 ) -> None:
     assert on_ray.simulators() == []
-    assert (figure(on_ray, "wrongturn_simulator_slots"), figure(on_ray, "wrongturn_ray_cores")) == (6, 2)
+    assert figure(on_ray, "wrongturn_simulator_slots") == 6
     seen, trajectories = [], []
     for running in (service, on_ray):
         with running.agent("camera") as agent:

@@ -27,13 +27,6 @@ def serving(bubblewrap: None, tmp_path_factory: pytest.TempPathFactory) -> Itera
     assert '"level": "error"' not in running.stderr, running.stderr
 
 
-@pytest.fixture
-def owner(serving: RunningService) -> Iterator[Owner]:
-    owner = Owner(serving.url)
-    yield owner
-    owner.close()
-
-
 def outcome(owner: Owner, case: Case, folder: Path) -> str:
     """Return the reason for which an upload is refused, at once or by the check."""
     reason = outcome_once(owner, case, folder)

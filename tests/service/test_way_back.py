@@ -53,7 +53,7 @@ async def under_way(call: Any) -> asyncio.Task[Any]:
     return task
 
 
-async def test_a_reset_that_is_under_way_is_among_the_open_ones(tmp_path: Path) -> None:
+async def test_a_reset_or_a_step_that_is_under_way_is_told_when_it_is_done(tmp_path: Path) -> None:
     pool = HeldPool()
     async with application(tmp_path, pool) as http:
         evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
@@ -64,6 +64,10 @@ async def test_a_reset_that_is_under_way_is_among_the_open_ones(tmp_path: Path) 
         (found,) = expect(await back, 200)["episodes"]
         begun = expect(await reset, 201)
         assert (found["id"], found["seq"], found["last_reply"]) == (begun["id"], 0, begun)
+        stepping = await pool.hold(step(http, begun["id"], 1))
+        back = await under_way(http.get(f"/v1/episodes/{begun['id']}"))
+        pool.go_on.set()
+        assert expect(await back, 200)["last_reply"] == expect(await stepping, 200)
 
 
 async def test_a_reset_that_takes_too_long_is_asked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,14 +85,3 @@ async def test_a_reset_that_takes_too_long_is_asked_for_again(tmp_path: Path, mo
         pool.go_on.set()
         expect(await reset, 201)
         assert len(expect(await http.get(f"{path}?state=open"), 200)["episodes"]) == 1
-
-
-async def test_a_step_that_is_under_way_is_the_last_reply(tmp_path: Path) -> None:
-    pool = HeldPool()
-    async with application(tmp_path, pool) as http:
-        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
-        episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
-        stepping = await pool.hold(step(http, episode, 1))
-        back = await under_way(http.get(f"/v1/episodes/{episode}"))
-        pool.go_on.set()
-        assert expect(await back, 200)["last_reply"] == expect(await stepping, 200)
