@@ -58,6 +58,7 @@ BODIES: dict[str, Any] = {
     "POST /v1/episodes": PRACTICE,
     "POST /v1/episodes/{episode}/step": STEP,
     "PUT /v1/evaluations/{evaluation}/results": RECORD,
+    "POST /v1/whatifs": {"episode": "ep_0", "at": 1.0},
 }
 # Calls that take no token, or show nothing secret to anybody.
 PUBLIC = {
@@ -86,7 +87,7 @@ OF_EPISODES = {
     "DELETE /v1/episodes/{episode}": {204},
 }
 GOOD_FOR = {
-    "queued": {**OF_EPISODES, "POST /v1/episodes": {201}},
+    "queued": {**OF_EPISODES, "POST /v1/episodes": {201}, "POST /v1/whatifs": {404}},  # there is no such episode
     "running": {
         **OF_EPISODES,
         "GET /v1/evaluations/{evaluation}": {200},
