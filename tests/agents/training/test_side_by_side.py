@@ -33,13 +33,10 @@ def test_two_seeds_side_by_side_learn_what_they_learn_alone():
 
 
 def test_one_that_fails_or_is_killed_ends_no_other_and_all_resume():
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell would ignore Ctrl-C
     words = ["counting", "--seeds", "1-3", "--option", "counting.bad=3", "--steps", "1000000"]
     parent = subprocess.Popen(
-        [sys.executable, "-m", "wrongturn_client", "train", *words],
-        stdout=subprocess.PIPE,
-        text=True,
-        # A background job of a shell would ignore Ctrl-C.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        [sys.executable, "-m", "wrongturn_client", "train", *words], stdout=subprocess.PIPE, text=True
     )
     states = [f"runs/counting-{seed}/state.pt" for seed in (1, 2)]
     try:
