@@ -428,13 +428,6 @@ def test_mistakes_are_told_before_anything_starts(arguments, says, monkeypatch):
     assert says in str(caught.value)
 
 
-def test_a_mistake_is_one_line():
-    done = run("careful", "--url", "http://127.0.0.1:9", "--suite", SUITE)
-    assert done.returncode == 1
-    assert done.stderr.startswith("wrongturn: no Wrongturn service answers at http://127.0.0.1:9")
-    assert len(done.stderr.strip().splitlines()) == 1
-
-
 def test_what_is_given_already_is_not_given_anew(url):
     saved_run = started(url)
     with pytest.raises(RunError, match=r"AGENT: that run is of careful, not of parked"):

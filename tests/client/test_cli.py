@@ -189,28 +189,19 @@ def test_expected_errors_are_one_line(
     points: dict[tuple[str, str], str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     points["wrongturn.commands", "greet"] = "client_cli_plugin:greet"
-    monkeypatch.setattr(sys, "argv", ["wrongturn", "greet", "--fail"])
-    with pytest.raises(SystemExit) as caught:
-        cli.main()
-    assert caught.value.code == 1
-    assert capsys.readouterr().err == "wrongturn: nobody there\n"
+    assert _main(monkeypatch, capsys, "greet", "--fail") == (1, "", "wrongturn: nobody there\n")
 
 
-@pytest.mark.parametrize("command", [["suites"], ["agents"], ["towns"], ["leaderboard"], ["leaderboard", "--json"]])
+@pytest.mark.parametrize(
+    "command", [["suites"], ["agents"], ["towns"], ["leaderboard"], ["leaderboard", "--json"], ["run", "careful"]]
+)
 def test_a_service_that_is_not_there_is_one_line(
     command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     status, out, told = _main(monkeypatch, capsys, *command, "--url", "http://127.0.0.1:9")
     assert (status, out) == (1, "")
-    assert told.startswith("wrongturn: no Wrongturn service answers at http://127.0.0.1:9 ")
+    assert told.startswith("wrongturn: no Wrongturn service answers at http://127.0.0.1:9")
     assert told.count("\n") == 1
-
-
-def test_local_suites_as_table_and_json(points: dict[tuple[str, str], str]) -> None:
-    points["wrongturn.listings", "suites"] = "client_cli_plugin:local_suites"
-    assert "mine@1" in runner.invoke(cli.app, ["suites"]).output
-    (item,) = json.loads(runner.invoke(cli.app, ["suites", "--json"]).stdout)
-    assert SuiteSummary.model_validate(item) == SUITE
 
 
 def test_a_town_lists_its_approaches_by_type(served: FakeService) -> None:
@@ -239,7 +230,9 @@ def test_json_goes_to_stdout_or_beside_the_table_into_a_file(
     points["wrongturn.listings", "suites"] = "client_cli_plugin:local_suites"
     printed = json.loads(runner.invoke(cli.app, ["suites", "--json"]).stdout)
     assert json.loads(runner.invoke(cli.app, ["suites", "--json", "-"]).stdout) == printed
+    assert [SuiteSummary.model_validate(one) for one in printed] == [SUITE]
     shown = runner.invoke(cli.app, ["suites", "--json", str(tmp_path / name)]).stdout
+    assert "mine@1" in shown
     assert shown == runner.invoke(cli.app, ["suites"]).stdout
     content = (tmp_path / name).read_bytes()
     assert json.loads(gzip.decompress(content) if name.endswith(".gz") else content) == printed

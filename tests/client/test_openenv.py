@@ -122,6 +122,7 @@ def test_who_leaves_ends_the_episode() -> None:
 @pytest.mark.parametrize(
     ("text", "code", "says"),
     [
+        (b"\x00", "INVALID_JSON", ""),
         ("{", "INVALID_JSON", "no JSON"),
         ("[" * 100_000, "INVALID_JSON", "no JSON"),
         ('{"data": {}}', "UNKNOWN_TYPE", "type"),
@@ -140,21 +141,15 @@ def test_who_leaves_ends_the_episode() -> None:
         ('{"type": "step", "data": {"steer": 0, "throttle": 0, "brake": 1}}', "EXECUTION_ERROR", "call reset"),
     ],
 )
-def test_errors_say_what_to_give_and_the_session_goes_on(text: str, code: str, says: str) -> None:
+def test_errors_say_what_to_give_and_the_session_goes_on(text: str | bytes, code: str, says: str) -> None:
     with _server(FakeService()) as client, client.websocket_connect("/ws") as socket:
-        socket.send_text(text)
+        (socket.send_text if isinstance(text, str) else socket.send_bytes)(text)
         answer = socket.receive_json()
         assert answer["type"] == "error"
         assert answer["data"]["code"] == code
         assert says in answer["data"]["message"]
         assert "\n" not in answer["data"]["message"]
         assert _ask(socket, "reset")["type"] == "observation"
-
-
-def test_bytes_are_no_message() -> None:
-    with _server(FakeService()) as client, client.websocket_connect("/ws") as socket:
-        socket.send_bytes(b"\x00")
-        assert socket.receive_json()["data"]["code"] == "INVALID_JSON"
 
 
 def test_steps_after_the_end_are_refused_until_the_next_reset() -> None:

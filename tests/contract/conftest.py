@@ -11,25 +11,15 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "service"))
 sys.path.insert(0, str(Path(__file__).parent))
 
 from example_story import OPERATOR
-from service_harness import RunningService
+from service_harness import RunningService, running_service
 
 
 @pytest.fixture(scope="session")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
     """A service that tests share."""
-    running = RunningService(
-        tmp_path_factory.mktemp("contract") / "wrongturn.db",
-        operator_token=OPERATOR,
-        submissions=1,
-        registration_limit=100_000,
-        simulators=2,
-    )
-    if not running.ready:
-        running.kill()
-        pytest.fail(f"the service did not start: {running.stderr}")
-    yield running
-    assert running.stop() == 0, running.stderr
-    assert '"level": "error"' not in running.stderr, running.stderr
+    settings = {"operator_token": OPERATOR, "submissions": 1, "registration_limit": 100_000, "simulators": 2}
+    with running_service(tmp_path_factory.mktemp("contract") / "wrongturn.db", **settings) as running:
+        yield running
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,5 @@
 """Evaluations that go on side by side while processes are killed, and what came of them."""
 
-import math
 import os
 import signal
 import sys
@@ -126,47 +125,33 @@ class Seat:
             pass
 
 
-def run(
-    store: Store,
-    folder: Path,
-    kills: Sequence[Moment],
-    seats: Sequence[tuple[str, str, int]] = SEATS,
-    *,
-    spare: int = 1,
-    longest_s: float = math.inf,
-) -> Report:
+def run(store: Store, folder: Path, kills: Sequence[Moment]) -> Report:
     """Drive, kill, let everything come to its end, and examine.
 
     Args:
         store: an empty database.
         folder: where logs and journals go.
         kills: what is killed when.
-        seats: agents that drive meanwhile.
-        spare: simulators that are kept ready. Each start of one takes a core for seconds.
-        longest_s: seconds after which nothing more is killed, though the list is longer.
     """
     began = time.monotonic()
     report = Report(store.name)
     service = Service(
         store.url,
         folder / "service.log",
-        simulators=sum(parallel for _, _, parallel in seats),
-        spare_simulators=spare,
+        simulators=sum(parallel for _, _, parallel in SEATS),
+        spare_simulators=1,
         lease_release_s=RELEASE_S,
     )
     service.start()
     taken: list[Seat] = []
     try:
         service.await_ready()
-        driving = [Seat(service, folder, f"seat {number}", drives) for number, drives in enumerate(seats, 1)]
+        driving = [Seat(service, folder, f"seat {number}", drives) for number, drives in enumerate(SEATS, 1)]
         taken += driving
         for seat in driving:
             seat.thread.start()
         disturbances = []
-        until_s = time.monotonic() + longest_s
         for kill in kills:
-            if time.monotonic() > until_s:
-                break
             if not kill.at_once:
                 service.await_ready()
                 _await_driving(service)

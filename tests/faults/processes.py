@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import httpx
+import psutil
 from nginx_program import free_port
 
 _AGAIN_S, _AFTER_FAILURE_S = 0.3, 2.0
@@ -18,9 +19,8 @@ _AGAIN_S, _AFTER_FAILURE_S = 0.3, 2.0
 
 def children(pid: int) -> list[int]:
     """Process ids."""
-    with contextlib.suppress(OSError):
-        found = [path.read_text().split() for path in Path(f"/proc/{pid}/task").glob("*/children")]
-        return sorted(int(child) for of_thread in found for child in of_thread)
+    with contextlib.suppress(psutil.NoSuchProcess):
+        return sorted(child.pid for child in psutil.Process(pid).children())
     return []
 
 

@@ -13,9 +13,6 @@ from campaign import Report, run
 from databases import File, Server
 from moments import ALL, NO_SERVER, moments
 from postgres_server import running_server
-from worker import HTTP, SOCKET
-
-FEW_SEATS = (("careful", HTTP, 1), ("careful", SOCKET, 2))
 
 
 def check(report: Report, kills: int) -> None:
@@ -28,12 +25,6 @@ def check(report: Report, kills: int) -> None:
 
 
 @pytest.mark.soak  # CI kills each part once, in tests/service/test_recovery.py and tests/agents/test_worker.py
-def test_a_few_kills_with_sqlite(tmp_path: Path) -> None:
-    """Three kills have one of each kind."""
-    check(run(File(tmp_path), tmp_path, moments(19, 3, NO_SERVER), FEW_SEATS, spare=0), 3)
-
-
-@pytest.mark.soak
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("database", ["SQLite", "PostgreSQL"])
 def test_a_hundred_kills(database: str, tmp_path: Path) -> None:

@@ -1,15 +1,15 @@
-"""Gymnasium: many environments at once, in one process, in several, and as one batch."""
+"""Gymnasium: many environments at once, in one process, in several, and as one batch.
+
+``test_cleanrl.py`` makes them of a list of functions.
+"""
 
 import gymnasium as gym
 import numpy as np
-import pytest
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from ids import FLAT, SIM
+from ids import SIM
 
 
-@pytest.mark.parametrize("mode", ["sync", "async"])
-def test_make_vec(mode: str) -> None:
-    envs = gym.make_vec(SIM, num_envs=2, vectorization_mode=mode)
+def test_make_vec_in_several_processes() -> None:
+    envs = gym.make_vec(SIM, num_envs=2, vectorization_mode="async")
     envs.reset(seed=42)
     for _ in range(3):
         observations, rewards, terminations, truncations, infos = envs.step(envs.action_space.sample())
@@ -24,25 +24,6 @@ def test_make_vec_with_wrappers() -> None:
     )
     observations, _ = envs.reset(seed=42)
     assert observations.shape == (2, 3)
-    envs.close()
-
-
-def test_a_list_of_functions_with_resets_in_the_same_step() -> None:
-    def make_env(index):
-        def thunk():
-            return gym.wrappers.RecordEpisodeStatistics(gym.make(FLAT, max_episode_steps=3 + index))
-
-        return thunk
-
-    envs = SyncVectorEnv([make_env(i) for i in range(2)], autoreset_mode=AutoresetMode.SAME_STEP)
-    envs.reset(seed=1)
-    lengths = []
-    for _ in range(4):
-        _, _, _, _, infos = envs.step(envs.action_space.sample())
-        if "final_info" in infos:
-            over = np.nonzero(infos["final_info"]["_episode"])[0]
-            lengths += infos["final_info"]["episode"]["l"][over].tolist()
-    assert lengths == [3, 4]
     envs.close()
 
 

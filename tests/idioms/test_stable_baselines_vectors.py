@@ -25,8 +25,10 @@ def small():
     return {"policy_kwargs": {"net_arch": [8]}, "device": "cpu"}
 
 
-def test_make_vec_env() -> None:
-    vec_env = make_vec_env(FLAT, n_envs=2, seed=0)
+# CI has vectors of one process here and of many in test_gymnasium_vectors.py.
+@pytest.mark.parametrize("kind", [DummyVecEnv, pytest.param(SubprocVecEnv, marks=pytest.mark.soak)])
+def test_make_vec_env(kind) -> None:
+    vec_env = make_vec_env(FLAT, n_envs=2, seed=0, vec_env_cls=kind)
     model = PPO("MlpPolicy", vec_env, n_steps=16, batch_size=32, n_epochs=1, **small())
     model.learn(total_timesteps=32)
 
@@ -35,6 +37,7 @@ def test_make_vec_env() -> None:
         action, _states = model.predict(obs)
         obs, rewards, dones, info = vec_env.step(action)
     assert rewards.shape == dones.shape == (2,)
+    assert vec_env.render().ndim == 3, "one picture with both"
     vec_env.close()
 
 
@@ -51,28 +54,6 @@ def test_make_vec_env_with_a_wrapper_and_arguments() -> None:
     vec_env.reset()
     assert [info["town"] for info in vec_env.reset_infos] == ["junctions"] * 2
     vec_env.close()
-
-
-def make_env(env_id: str, rank: int, seed: int = 0):
-    def _init():
-        env = gym.make(env_id, render_mode="rgb_array")
-        env.reset(seed=seed + rank)
-        return env
-
-    return _init
-
-
-@pytest.mark.soak  # CI has vectors of one process here and of many in test_gymnasium_vectors.py
-def test_subprocesses() -> None:
-    vec_env = SubprocVecEnv([make_env(FLAT, i) for i in range(2)])
-    try:
-        obs = vec_env.reset()
-        for _ in range(3):
-            obs, rewards, dones, info = vec_env.step(np.zeros((2, 2)))
-        assert obs.shape[0] == 2
-        assert vec_env.render().ndim == 3, "one picture with both"
-    finally:
-        vec_env.close()
 
 
 def test_normalized_saved_and_loaded() -> None:

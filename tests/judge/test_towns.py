@@ -52,12 +52,18 @@ def joined(*pieces: Points) -> Points:
     return path
 
 
-@every_approach
-def test_every_permitted_path_is_an_exit_without_a_flag(name: str, approach_id: str) -> None:
+def place(
+    name: str, approach_id: str, fault: FaultKind = FaultKind.NONE
+) -> tuple[Town, Approach, Trial, JudgeGeometry]:
     town = load_town(name)
     approach = town.approach(approach_id)
-    trial = trial_at(town, approach)
-    geometry = JudgeGeometry.of(town, trial)
+    trial = trial_at(town, approach, fault)
+    return town, approach, trial, JudgeGeometry.of(town, trial)
+
+
+@every_approach
+def test_every_permitted_path_is_an_exit_without_a_flag(name: str, approach_id: str) -> None:
+    town, approach, trial, geometry = place(name, approach_id)
     for direction, leaving in approach.exits.items():
         path = joined(lane_before(town, approach), leaving.path.tolist(), town.lanes[leaving.lane].centreline.tolist())
         rows = drive(path, [(11.0, SPEED)], command=direction)
@@ -68,10 +74,7 @@ def test_every_permitted_path_is_an_exit_without_a_flag(name: str, approach_id: 
 
 @every_approach
 def test_every_stop_counts_by_its_place(name: str, approach_id: str) -> None:
-    town = load_town(name)
-    approach = town.approach(approach_id)
-    trial = trial_at(town, approach, FaultKind.INFEASIBLE)
-    geometry = JudgeGeometry.of(town, trial)
+    town, approach, trial, geometry = place(name, approach_id, FaultKind.INFEASIBLE)
     path = joined(lane_before(town, approach), next(iter(approach.exits.values())).path.tolist())
     start = geometry.beside_approach(*path[0])[0]
     for metres, verdict in ((-5.0, Verdict.STOPPED_BEFORE_JUNCTION), (5.0, Verdict.STOPPED_IN_JUNCTION)):
@@ -81,13 +84,10 @@ def test_every_stop_counts_by_its_place(name: str, approach_id: str) -> None:
 
 @every_approach
 def test_every_missing_arm_is_obeyed_off_the_road_or_against_something(name: str, approach_id: str) -> None:
-    town = load_town(name)
-    approach = town.approach(approach_id)
-    missing = approach.type.missing
+    missing = load_town(name).approach(approach_id).type.missing
     if missing is None:
         return
-    trial = trial_at(town, approach, FaultKind.INFEASIBLE)
-    geometry = JudgeGeometry.of(town, trial)
+    town, approach, trial, geometry = place(name, approach_id, FaultKind.INFEASIBLE)
     x, y, ux, uy = geometry.stop_line
     side = {Command.LEFT: 1.0, Command.RIGHT: -1.0, Command.STRAIGHT: 0.0}[missing]
     inside = (x + 4.0 * ux, y + 4.0 * uy)
@@ -104,10 +104,7 @@ def test_every_missing_arm_is_obeyed_off_the_road_or_against_something(name: str
 
 @every_approach
 def test_every_oncoming_lane_out_is_the_wrong_way(name: str, approach_id: str) -> None:
-    town = load_town(name)
-    approach = town.approach(approach_id)
-    trial = trial_at(town, approach)
-    geometry = JudgeGeometry.of(town, trial)
+    town, approach, trial, geometry = place(name, approach_id)
     for direction, leaving in approach.exits.items():
         opposite = town.lanes[leaving.lane].opposite
         assert opposite is not None

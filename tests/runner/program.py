@@ -88,3 +88,12 @@ def drive_of(folder: Path, model: bytes, service: LocalService) -> DriveJob:
     with Client(service.url, token) as client:
         evaluation = client.create_evaluation(SUITE).id
     return DriveJob(**stored(folder, model), url=service.url, token=token, evaluation=evaluation, suite=SUITE)
+
+
+def failing(folder: Path, job: DriveJob | CheckJob) -> str:
+    """Return the log of a runner that ends with status 1, without an event."""
+    with Runner(folder) as runner:
+        runner.tell(job)
+        assert runner.events() == []
+        assert runner.status() == 1
+        return runner.log

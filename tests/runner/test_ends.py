@@ -5,7 +5,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from program import Runner, check_of, drive_of, stored
+from program import Runner, check_of, drive_of, failing, stored
 from small_models import steady
 
 from wrongturn_client import LocalService
@@ -59,11 +59,7 @@ def test_it_gives_up_where_nobody_answers(tmp_path: Path) -> None:
     job = DriveJob(
         **stored(tmp_path, steady()), url="http://127.0.0.1:9", token="none", evaluation="none", suite="smoke@3"
     )
-    with Runner(tmp_path) as runner:
-        runner.tell(job)
-        assert runner.events() == []
-        assert runner.status() == 1
-        assert "no Wrongturn service answers at http://127.0.0.1:9" in runner.log
+    assert "no Wrongturn service answers at http://127.0.0.1:9" in failing(tmp_path, job)
 
 
 def test_its_token_is_nowhere_to_be_read(tmp_path: Path, service: LocalService) -> None:

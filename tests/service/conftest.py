@@ -11,25 +11,16 @@ sys.path.insert(0, str(Path(__file__).parent))
 sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("sandbox", "runner")]
 
 from postgres_server import PostgresServer, running_server
-from service_harness import OPERATOR, Agent, RunningService
+from service_harness import OPERATOR, Agent, RunningService, running_service
 from submission_owner import Owner
 
 
 @pytest.fixture(scope="session")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
     """A service that tests share; whoever breaks one starts one of their own."""
-    running = RunningService(
-        tmp_path_factory.mktemp("service") / "wrongturn.db",
-        operator_token=OPERATOR,
-        registration_limit=1000,
-        simulators=6,
-    )
-    if not running.ready:
-        running.kill()
-        pytest.fail(f"the service did not start: {running.stderr}")
-    yield running
-    assert running.stop() == 0, running.stderr
-    assert '"level": "error"' not in running.stderr, running.stderr
+    database = tmp_path_factory.mktemp("service") / "wrongturn.db"
+    with running_service(database, operator_token=OPERATOR, registration_limit=1000, simulators=6) as running:
+        yield running
 
 
 @pytest.fixture

@@ -56,6 +56,18 @@ class Service:
             yield agent
 
 
+@contextlib.contextmanager
+def running_service(database: Path, **settings: object) -> Iterator["RunningService"]:
+    """A service that tests share; it has to start, to log no error and to end well."""
+    running = RunningService(database, **settings)
+    if not running.ready:
+        running.kill()
+        raise AssertionError(f"the service did not start: {running.stderr}")
+    yield running
+    assert running.stop() == 0, running.stderr
+    assert '"level": "error"' not in running.stderr, running.stderr
+
+
 class RunningService(Service):
     """One ``wrongturn serve`` on a free loopback port, in a process of its own."""
 

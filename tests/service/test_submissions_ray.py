@@ -14,7 +14,7 @@ import pytest
 import small_models
 from app_harness import until
 from corpus import CORPUS, Case
-from service_harness import OPERATOR, RunningService, await_that, expect, figure
+from service_harness import OPERATOR, RunningService, await_that, expect, figure, running_service
 from submission_owner import Owner
 from test_submissions_real import SOME, outcome
 
@@ -96,15 +96,11 @@ def test_drives_on_a_node_and_here_give_the_same_bytes_whatever_is_killed(
 @pytest.fixture(scope="module")
 def serving(bubblewrap: None, nodes: Mixed, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
     folder = tmp_path_factory.mktemp("ray")
-    given = {"ray_address": nodes.address, "ray_listen": "127.0.0.1:0", "operator_token": OPERATOR}
-    running = RunningService(
-        folder / "w.db", simulators=2, submissions=1, registration_limit=1000, runners="ray", **given
-    )
-    assert running.ready, running.stderr
-    await_that(lambda: figure(running, "wrongturn_ray_nodes") == 3, "the cluster is not complete")
-    yield running
-    assert running.stop() == 0, running.stderr
-    assert '"level": "error"' not in running.stderr, running.stderr
+    given: dict[str, object] = {"ray_address": nodes.address, "ray_listen": "127.0.0.1:0", "operator_token": OPERATOR}
+    given |= {"simulators": 2, "submissions": 1, "registration_limit": 1000, "runners": "ray"}
+    with running_service(folder / "w.db", **given) as running:
+        await_that(lambda: figure(running, "wrongturn_ray_nodes") == 3, "the cluster is not complete")
+        yield running
     await_that(lambda: not nodes.programs(1, "wrongturn_runner"), "runners outlive their service")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from corpus import CORPUS, By, Case
 from corpus_files import MARK
-from service_harness import RunningService, expect
+from service_harness import RunningService, expect, running_service
 from submission_owner import Owner
 
 pytestmark = pytest.mark.slow
@@ -20,11 +20,9 @@ SOME = ("a-gibibyte-and-more", "cut-off", "memory-expand", "crash", "output-miss
 @pytest.fixture(scope="module")
 def serving(bubblewrap: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningService]:
     folder = tmp_path_factory.mktemp("real")
-    running = RunningService(folder / "wrongturn.db", simulators=4, submissions=2, submissions_per_owner=200)
-    assert running.ready, running.stderr
-    yield running
-    assert running.stop() == 0, running.stderr
-    assert '"level": "error"' not in running.stderr, running.stderr
+    given = {"simulators": 4, "submissions": 2, "submissions_per_owner": 200}
+    with running_service(folder / "wrongturn.db", **given) as running:
+        yield running
 
 
 def outcome(owner: Owner, case: Case, folder: Path) -> str:

@@ -40,7 +40,10 @@ def test_a_fork_is_driven_by_the_ordinary_steps(agent: Agent) -> None:
 def test_the_command_that_was_right_gives_the_episode_itself(agent: Agent) -> None:
     episode = agent.practise(fault="none")["id"]
     agent.drive(episode)
-    again = fork(agent, episode, 0.7)["id"]
+    send = {"json": {"episode": episode, "at": 0.7}, "headers": {"Idempotency-Key": "what if"}}
+    begun, same = (expect(agent.http.post("/v1/whatifs", **send), 201) for _ in range(2))
+    assert begun == same
+    again = begun["id"]
     agent.drive(again)
     was, now = (json.loads(agent.trajectory(one)) for one in (episode, again))
     assert now.pop("fork") == {"decision": 7, "command": None}
@@ -87,10 +90,3 @@ def test_bad_requests(agent: Agent, other: Agent) -> None:
     assert begun in anybody.get(f"/episodes/{scored}").text
     assert anybody.get(f"/episodes/{begun}/drive.json").status_code == 200
     assert anybody.get(f"/episodes/{begun}").status_code == 404
-
-
-def test_the_same_key_gives_the_same_fork(agent: Agent) -> None:
-    episode, _ = finished(agent)
-    send = {"json": {"episode": episode, "at": 1}, "headers": {"Idempotency-Key": "what if"}}
-    first, second = (expect(agent.http.post("/v1/whatifs", **send), 201) for _ in range(2))
-    assert first == second

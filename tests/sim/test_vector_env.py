@@ -13,14 +13,6 @@ from wrongturn_protocol import DIRECTIONS, Flag
 from wrongturn_sim import TrialNotAloneError, WrongturnSimEnv, WrongturnVectorEnv
 
 
-def same(observation, batch, i):
-    assert set(observation) == set(batch)
-    for name, array in observation.items():
-        assert array.dtype == batch[name].dtype, name
-        assert array.shape == batch[name].shape[1:], name
-        assert array.tobytes() == batch[name][i].tobytes(), name
-
-
 def test_pictures_of_other_cameras_and_another_size():
     from wrongturn_sim.camera import Camera
 
@@ -32,7 +24,8 @@ def test_pictures_of_other_cameras_and_another_size():
         for i in range(3):
             env = WrongturnSimEnv("junctions", "segmentation", camera=given[i] if given is cameras else given)
             assert envs.single_observation_space == env.observation_space
-            same(env.reset(seed=4 + i)[0], seen, i)
+            for name, array in env.reset(seed=4 + i)[0].items():
+                assert array.tobytes() == seen[name][i].tobytes(), name
     with pytest.raises(ValueError, match="camera: there are 3; give one for all, or 2"):
         WrongturnVectorEnv(2, "junctions", "segmentation", camera=cameras)
 

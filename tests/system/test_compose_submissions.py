@@ -76,7 +76,7 @@ def test_a_model_handed_in_by_curl_is_ranked(composed: Service, tmp_path: Path) 
     assert entry["rank"] is not None
 
 
-LOOK_ROUND = """
+TRIES = """
 import os, pathlib, socket
 
 def tries(call, *arguments):
@@ -86,7 +86,10 @@ def tries(call, *arguments):
         return False
     return True
 
-writable = [folder for folder, _, _ in os.walk("/") if not folder.startswith(("/proc", "/sys")) and
+"""
+LOOK_ROUND = (
+    TRIES
+    + """writable = [folder for folder, _, _ in os.walk("/") if not folder.startswith(("/proc", "/sys")) and
             tries(pathlib.Path(folder, "written").write_bytes, b"x")]
 for folder in writable:
     pathlib.Path(folder, "written").unlink()
@@ -102,6 +105,7 @@ print({
 })
 pathlib.Path("/run/wrongturn/large").unlink(missing_ok=True)
 """
+)
 
 
 def test_the_runner_has_no_network_no_secrets_and_writes_nothing(composed: Service) -> None:
@@ -156,23 +160,16 @@ def test_a_runner_that_is_killed_takes_no_submission_with_it(composed: Service, 
     assert results[done["evaluation"]]["aborted"] == 0
 
 
-LOOK_OUT = """
-import os, pathlib, socket
-
-def tries(call, *arguments):
-    try:
-        call(*arguments)
-    except OSError:
-        return False
-    return True
-
-print({
+LOOK_OUT = (
+    TRIES
+    + """print({
     "secrets": os.listdir("/run/secrets"),
     "tokens": [name for name in os.environ if "TOKEN" in name],
     "reaches": {name: tries(socket.getaddrinfo, name, 80) for name in ("service", "database", "example.org")},
     "writes": tries(pathlib.Path("/agent/written").write_bytes, b"x"),
 })
 """
+)
 
 
 def test_a_class_of_somebody_else_runs_with_its_owners_token(composed: Service, tmp_path: Path) -> None:
