@@ -165,7 +165,7 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
         yield "simulators", True, check.examine(settings), ""
     except SimulatorStartError as error:
         remedy = "see the checks of libsumo and the kernels; if the machine was only slow, run this again"
-        yield "simulators", False, str(error), remedy
+        yield "simulators", False, str(error), "start Ray as docs/cluster.md shows" if settings.on_ray else remedy
     except check.TooLittleMemoryError as error:
         yield "simulators", False, str(error), "lower WRONGTURN_SIMULATORS or add memory"
     from wrongturn_sandbox import SandboxUnavailableError, probe  # noqa: PLC0415

@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -15,6 +16,8 @@ from wrongturn_client.invocation import python
 
 _Group = TypeVar("_Group")
 _Results = TypeVar("_Results")
+_ANSWER_S: Final = 5.0
+"""Seconds within which a cluster has to answer."""
 _AHEAD: Final = 1
 """Groups that are handed out beyond those that are driven, so that no worker waits."""
 
@@ -102,6 +105,11 @@ class RayWorkers:
         self._ray = load_ray()
         if not self._ray.is_initialized():
             os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+            address = os.environ.get("RAY_ADDRESS", "")
+            try:
+                check_answer(address)
+            except OSError as error:
+                raise RunError(f"--ray: RAY_ADDRESS: nobody answers at {address!r}; correct it, or unset it") from error
             try:
                 self._ray.init(include_dashboard=False, logging_level="warning", log_to_driver=False)
             except Exception as error:  # Ray raises many classes, and plain ones if a node starts too slowly
@@ -140,6 +148,16 @@ class RayWorkers:
                 ray.cancel(task, force=True)
         if failed is not None:
             raise failed
+
+
+def check_answer(address: str) -> None:
+    """Check that somebody listens at an address with a port: Ray itself tries for minutes. Raises OSError."""
+    host, _, port = address.rpartition(":")
+    if port.isdecimal():
+        try:
+            socket.create_connection((host, int(port)), _ANSWER_S).close()
+        except OverflowError as error:
+            raise OSError(str(error)) from error
 
 
 def load_ray() -> Any:

@@ -12,14 +12,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from wrongturn_agents.batch.workers import load_ray
+from wrongturn_agents.batch.workers import check_answer, load_ray
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.job import Job, Started, failure_of
 
 _RETRIES: Final = 5
 """How often a run whose node died starts on another one. It resumes there."""
-_PATIENCE: Final = 5.0
-"""Seconds within which a cluster has to answer."""
 _AWAKE: Final = 0.2
 
 
@@ -33,12 +31,10 @@ def cluster() -> Iterator[Any]:
     ray = load_ray()
     address = os.environ.get("RAY_ADDRESS") or "auto"
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    host, _, port = address.rpartition(":")
     try:
-        if port.isdecimal():  # Ray itself waits minutes for a cluster that does not answer
-            socket.create_connection((host, int(port)), _PATIENCE).close()
+        check_answer(address)
         ray.init(address=address, log_to_driver=False, logging_level=logging.WARNING)
-    except (OSError, OverflowError, ValueError) as error:
+    except (OSError, ValueError) as error:
         raise TrainingError(
             f"--ray: there is no cluster at {address!r}; start one with 'ray start --head', or name it in RAY_ADDRESS"
         ) from error

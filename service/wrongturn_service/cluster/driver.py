@@ -24,6 +24,7 @@ import functools
 import json
 import logging
 import os
+import socket
 import subprocess
 import sys
 import threading
@@ -180,6 +181,13 @@ def _task() -> Any:
     return ray.remote(max_retries=0, scheduling_strategy="SPREAD")(node.run)
 
 
+def check_answer(address: str) -> None:
+    """Check that somebody listens at an address with a port: Ray itself tries for minutes. Raises OSError."""
+    host, _, port = address.rpartition(":")
+    if port.isdecimal():
+        socket.create_connection((host.strip("[]"), int(port)), _PATIENCE_S).close()
+
+
 def join(address: str) -> None:
     """Make this machine a node of a cluster, if it is none. It has no cores, so nothing is placed here.
 
@@ -219,6 +227,7 @@ def main() -> None:
     out = os.dup(1)
     os.dup2(2, 1)  # what Ray prints must not mix with our lines
     try:
+        check_answer(sys.argv[1])
         if "--join" in sys.argv:
             join(sys.argv[1])
         head, own = connect(sys.argv[1])

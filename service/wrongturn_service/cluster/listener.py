@@ -13,6 +13,7 @@ import structlog
 from typing_extensions import override
 
 from wrongturn_service.cluster.connecting import keep_watch
+from wrongturn_service.logs import LogThrottle
 
 _STRANGERS: Final = 256
 """Connections at a time that have not named a secret yet."""
@@ -43,6 +44,7 @@ class Listener:
         self._expected: dict[str, Expected] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._log = structlog.get_logger("cluster")
+        self._throttle = LogThrottle()
 
     async def open(self, host: str, port: int) -> int:
         """Listen; return the port, which port 0 leaves to the system. Raises OSError."""
@@ -105,7 +107,10 @@ class Listener:
                 await loop.connect_accepted_socket(lambda: stranger, stream, ssl=self._tls)
                 await stranger.known
         except (OSError, TimeoutError) as error:  # ssl.SSLError is an OSError
-            self._log.warning("a stranger connected", address=address, reason=str(error) or "it said nothing")
+            others = self._throttle.others("stranger")
+            if others is not None:
+                why = str(error) or "it said nothing"
+                self._log.warning("a stranger connected", address=address, reason=why, others=others)
             stranger.close()
             stream.close()
 

@@ -15,6 +15,8 @@ from wrongturn_service.simulators.simulator import Simulator
 
 RESOURCES: Final = Resources(cores=0.15, memory=SIMULATOR_MEMORY)
 """A little less than each of four simulators has of a core, so that a node has room for spare ones and runners."""
+_CONNECT_S: Final = 60.0
+"""Seconds in which the service has to be connected with Ray before a simulator can start."""
 _LAST_WORDS_S: Final = 2.0
 """Seconds in which Ray tells how a program has ended that closed its connection."""
 _log = structlog.get_logger("cluster")
@@ -68,6 +70,7 @@ class RayStarter:
 
     def __init__(self, programs: Programs, settings: Settings) -> None:
         self._programs = programs
+        self._address = settings.ray_address
         self._start_timeout_s = settings.simulator_start_timeout_s
         self._timeout_s = settings.simulator_timeout_s
         self._turn = asyncio.Condition()
@@ -86,7 +89,7 @@ class RayStarter:
             self._now += 1
         try:
             async with asyncio.timeout(self._start_timeout_s):
-                await self._programs.connected()
+                await self._connected()
                 # A node with other versions ends a program at once. Ray spreads them, so the next is on another node.
                 for _ in self._programs.nodes[1:]:
                     with contextlib.suppress(WrongNodeError):
@@ -101,6 +104,17 @@ class RayStarter:
             async with self._turn:
                 self._now -= 1
                 self._turn.notify_all()
+
+    async def _connected(self) -> None:
+        try:
+            async with asyncio.timeout(_CONNECT_S):
+                await self._programs.connected()
+        except TimeoutError:
+            why = self._programs.trouble or "the cluster has no nodes"
+            raise SimulatorStartError(
+                f"WRONGTURN_RAY_ADDRESS: {self._address}: {why}; name the head of a cluster that runs, and if it asks "
+                "for a token, set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN or RAY_AUTH_TOKEN_PATH"
+            ) from None
 
     async def _start(self) -> Simulator:
         simulator = RaySimulator(self._timeout_s)
