@@ -89,11 +89,18 @@ def give_json(value: Any, to: Path | None) -> bool:
     if to == STDOUT:
         typer.echo(text)
         return False
+    write_json(f"{text}\n", to)
+    return True
+
+
+def write_json(text: str, to: Path | None) -> None:
+    """Write JSON into the file of ``--json``; None writes nothing. Raises JsonFileError if it cannot be written."""
+    if to is None:
+        return
     try:
-        write_whole([f"{text}\n".encode()], to)
+        write_whole([text.encode()], to)
     except OSError as error:
         raise JsonFileError(f"--json: {to} cannot be written ({error.strerror}); name another file") from error
-    return True
 
 
 def write_whole(parts: Iterable[bytes], file: Path) -> None:
