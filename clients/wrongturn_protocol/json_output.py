@@ -103,10 +103,10 @@ def write_json(text: str, to: Path | None) -> None:
         raise JsonFileError(f"--json: {to} cannot be written ({error.strerror}); name another file") from error
 
 
-def write_whole(parts: Iterable[bytes], file: Path) -> None:
+def write_whole(parts: Iterable[bytes], file: Path, *, private: bool = False) -> None:
     """Write a file, all at once or not at all; compressed if its name ends in ``.gz``.
 
-    The same parts give the same bytes.
+    The same parts give the same bytes. Only its owner may read a ``private`` file, which is on the disk at the end.
 
     Raises:
         OSError: The file cannot be written.
@@ -118,12 +118,15 @@ def write_whole(parts: Iterable[bytes], file: Path) -> None:
     target = file.resolve()  # a link stays a link
     new = target.with_name(f".{target.name}.new")
     try:
-        with new.open("wb") as out:
+        with open(new, "wb", opener=_opened_by_owner if private else None) as out:
             if target.suffix == ".gz":
                 with gzip.GzipFile(filename="", mode="wb", fileobj=out, mtime=0) as packed:
                     packed.writelines(parts)
             else:
                 out.writelines(parts)
+            if private:
+                out.flush()
+                os.fsync(out.fileno())
         new.replace(target)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -133,3 +136,7 @@ def write_whole(parts: Iterable[bytes], file: Path) -> None:
 
 def _is_file(word: str) -> bool:
     return word == str(STDOUT) or word.endswith(_ENDINGS) or word.startswith("/dev/")
+
+
+def _opened_by_owner(path: str, flags: int) -> int:
+    return os.open(path, flags, 0o600)
