@@ -11,10 +11,10 @@ from typing import Final
 from rich.table import Table
 from rich.text import Text
 
-from wrongturn_agents.errors import ResultsError, RunError
+from wrongturn_agents.errors import RunError
 from wrongturn_agents.progress import Progress
 from wrongturn_agents.registry import AgentSource
-from wrongturn_agents.results_file import ResultsFile, TrialResult
+from wrongturn_agents.results_file import ResultsFile, TrialResult, resumed
 from wrongturn_agents.suites import SuiteTrials
 from wrongturn_agents.worker import GuardedAgent, episodes_side_by_side
 from wrongturn_client import Client
@@ -22,7 +22,7 @@ from wrongturn_client.evaluation_driver import drive_episode
 from wrongturn_client.practice import practice_token
 from wrongturn_client.tables import plain_table
 from wrongturn_protocol import FaultKind, PracticeRequest, Trial, Verdict
-from wrongturn_protocol.json_output import write_whole
+from wrongturn_protocol.json_output import write_json
 from wrongturn_protocol.words import name
 
 _DONE: Final = {Verdict.EXIT_COMMANDED, Verdict.ARRIVED}
@@ -35,14 +35,14 @@ class PracticeRun:
     trials are driven. The file is one that ``wrongturn results`` reads; None writes none.
 
     Raises:
-        RunError: The suite has no such task, or the file belongs to another run or cannot be written.
+        RunError: The suite has no such task, or the file belongs to another run.
         ResultsError: The file exists and is not a results file.
     """
 
     def __init__(self, source: AgentSource, suite: SuiteTrials, task: str | None, file: Path | None) -> None:
         self.trials = trials_of(suite, task)
         self._source, self._suite, self._file = source, suite, file
-        self._results = ResultsFile(
+        run = ResultsFile(
             agent=name_in_file(source),
             suite=suite.id,
             suite_sha256=suite.sha256,
@@ -50,15 +50,9 @@ class PracticeRun:
             driven="over the service",
             trials={},
         )
-        if file is not None and file.exists():
-            try:
-                found = ResultsFile.read(file, "name a new file, or the file of the run to resume")
-            except ResultsError as error:
-                raise ResultsError(f"--json: {error}") from error
-            ours = self._results.model_copy(update={"trials": found.trials})
-            if found != ours or not found.trials.keys() <= set(self.trials):
-                raise RunError(f"--json: {file} is of another run; name a new file, or the file of the run to resume")
-            self._results = found
+        (self._results,) = resumed([run], file)
+        if not self._results.trials.keys() <= set(self.trials):
+            raise RunError(f"--json: {file} has trials of another task; name a new file")
         self._lock, self._stop = threading.Lock(), threading.Event()
 
     def drive(self, url: str, token: str | None, progress: Progress, *, parallel: int | None = None) -> ResultsFile:
@@ -68,7 +62,8 @@ class PracticeRun:
         all trials; ``parallel`` is as in :func:`~wrongturn_agents.worker.episodes_side_by_side`.
 
         Raises:
-            RunError: The service has another version of the suite, or the file cannot be written.
+            RunError: The service has another version of the suite.
+            JsonFileError: The file cannot be written.
             AgentFailedError: The agent failed. The file holds the results so far.
             WrongturnError: The service refuses, or cannot be reached any more. The file holds the results so far.
         """
@@ -111,12 +106,7 @@ class PracticeRun:
             progress(len(trials), len(self.trials))
 
     def _write(self) -> None:
-        if self._file is None:
-            return
-        try:
-            write_whole([self._results.text().encode()], self._file)
-        except OSError as error:
-            raise RunError(f"--json: {self._file} cannot be written ({error.strerror}); name another file") from error
+        write_json(self._results.text(), self._file)
 
 
 def name_in_file(source: AgentSource) -> str:

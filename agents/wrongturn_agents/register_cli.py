@@ -1,7 +1,5 @@
 """``wrongturn register``: register shipped agents as the operator, so that their workers need no operator's token."""
 
-import os
-import tempfile
 from contextlib import closing
 from pathlib import Path
 from typing import Annotated
@@ -15,6 +13,7 @@ from wrongturn_client import AgentNameTakenError, Client, settings
 from wrongturn_client.administration import Administration
 from wrongturn_client.settings import OPERATOR_TOKEN
 from wrongturn_protocol.administration import AdminItem
+from wrongturn_protocol.json_output import write_whole
 from wrongturn_protocol.vocabulary import Collection
 
 
@@ -62,7 +61,8 @@ def register(
                 raise RunError(
                     f"--tokens: {file.parent} cannot be written ({error.strerror}); name another folder"
                 ) from error
-            _write(file, _token(client, operator_token, resolve(name), renew=renew))
+            token = _token(client, operator_token, resolve(name), renew=renew)
+            write_whole([f"{token}\n".encode()], file, private=True)
             typer.echo(f"{name} is registered; its token is in {file}")
 
 
@@ -100,15 +100,3 @@ def _holder(url: str, operator_token: str, name: str) -> AdminItem | None:
     with closing(Administration(url, operator_token)) as administration:
         found = administration.items(Collection.AGENTS, 100, name=name)
         return next((agent for agent in found if agent.name.lower() == name.lower()), None)
-
-
-def _write(file: Path, token: str) -> None:
-    """Write a token, readable by its owner alone, completely or not at all."""
-    handle, part = tempfile.mkstemp(dir=file.parent, prefix=".token-")  # mkstemp's mode is 0600
-    try:
-        with os.fdopen(handle, "w", encoding="ascii") as opened:
-            opened.write(token + "\n")
-        Path(part).replace(file)
-    except BaseException:
-        Path(part).unlink(missing_ok=True)
-        raise

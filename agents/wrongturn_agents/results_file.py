@@ -7,7 +7,7 @@ from typing import Annotated, Final, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
 
-from wrongturn_agents.errors import ResultsError
+from wrongturn_agents.errors import ResultsError, RunError
 from wrongturn_agents.suites import SuiteTrials, installed_suite
 from wrongturn_protocol import STRICT_FLAGS, Flag, Outcome, Reaction, Verdict
 from wrongturn_protocol.accounts import AgentName
@@ -183,6 +183,25 @@ def read_runs(path: Path, remedy: str = _REMEDY) -> tuple[ResultsFile, ...]:
     Raises as :meth:`ResultsFile.read`.
     """
     return _read(path, remedy, lambda content: _RUNS.validate_json(content if _is_list(content) else b"[%b]" % content))
+
+
+def resumed(runs: Sequence[ResultsFile], file: Path | None) -> list[ResultsFile]:
+    """Return what the file of ``--json`` has of these runs; themselves, which have no trials, if there is no file.
+
+    Raises:
+        ResultsError: It is not a results file.
+        RunError: It is of other runs.
+    """
+    if file is None or not file.exists():
+        return [*runs]
+    remedy = "name a new file, or the file of the run to resume"
+    try:
+        found = read_runs(file, remedy)
+    except ResultsError as error:
+        raise ResultsError(f"--json: {error}") from error
+    if [one.model_copy(update={"trials": {}}) for one in found] != [*runs]:
+        raise RunError(f"--json: {file} is of another run; {remedy}")
+    return [*found]
 
 
 def text_of(runs: Sequence[ResultsFile]) -> str:

@@ -1,7 +1,6 @@
 """What an interrupted run is resumed from: its file, and the database of its own service."""
 
 import hashlib
-import os
 import shutil
 import tempfile
 import time
@@ -15,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from wrongturn_agents.errors import AgentImportError, RunFileError
 from wrongturn_client.closing import Closing
 from wrongturn_protocol.home import home
+from wrongturn_protocol.json_output import write_whole
 
 _FILE: Final = "wrongturn.db"
 _PREFIX: Final = "database-"
@@ -56,9 +56,7 @@ class SavedRun(BaseModel):
         """Write the file with mode 0600, and return its path. Raises RunFileError."""
         with _writing(self.path):
             directory().mkdir(mode=0o700, parents=True, exist_ok=True)
-            handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(self.model_dump_json(indent=2) + "\n")
+            write_whole([self.model_dump_json(indent=2).encode(), b"\n"], self.path, private=True)
         return self.path
 
     def forget(self) -> None:

@@ -21,7 +21,7 @@ from wrongturn_client.options import Url
 from wrongturn_client.replayed import replayed_from
 from wrongturn_client.tables import console, plain_table
 from wrongturn_protocol import Command, EpisodeDetail
-from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
+from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json, write_json
 from wrongturn_protocol.run_file import RunFile
 from wrongturn_protocol.words import name
 
@@ -184,12 +184,12 @@ def _sweep_all(asked: _Asked, every: float, progress: ProgressStyle) -> None:
         update(len(unsafe) - len(left), len(unsafe))
         for _, result in LocalWorkers(asked.workers).drive(tasks, core.sweep):
             swept = swept.model_copy(update={"trials": {**swept.trials, result.trial: result}})
-            swept.write(file)
+            write_json(swept.text(), file)
             update(len(swept.trials), len(unsafe))
-    swept.write(file)
+    write_json(swept.text(), file)
     console(stderr=aside).print(sweep_table(run.driver.name, list(swept.trials.values())))
     if aside:
-        sys.stdout.write(swept.model_dump_json(indent=1) + "\n")
+        sys.stdout.write(swept.text())
 
 
 def is_twin(trajectory: dict[str, Any]) -> bool:

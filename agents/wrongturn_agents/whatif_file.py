@@ -7,7 +7,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from wrongturn_agents.errors import RunError
 from wrongturn_protocol import Command, Outcome, Verdict
-from wrongturn_protocol.json_output import write_whole
 from wrongturn_protocol.run_file import UNREADABLE, read_unpacked, reason_of
 
 STEP_S: Final = 0.1
@@ -101,11 +100,6 @@ class SweepFile(_Values):
             raise RunError(f"--json: {file} is of another sweep; {_REMEDY}")
         return found
 
-    def write(self, file: Path | None) -> None:
-        """Write it, if there is a file. Raises RunError if it cannot be written."""
-        if file is None:
-            return
-        try:
-            write_whole([self.model_dump_json(indent=1).encode(), b"\n"], file)
-        except OSError as error:
-            raise RunError(f"--json: {file} cannot be written ({error.strerror}); name another file") from error
+    def text(self) -> str:
+        """Return the file's JSON."""
+        return self.model_dump_json(indent=1) + "\n"

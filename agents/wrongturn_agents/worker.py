@@ -30,6 +30,7 @@ from wrongturn_client import (
 from wrongturn_client.episode_calls import action_of
 from wrongturn_client.local_service import FOR_ONE_COMMAND
 from wrongturn_client.settings import OPERATOR_TOKEN, OWNER_TOKEN
+from wrongturn_client.submitter import NAME_RULE
 from wrongturn_protocol import Action, AgentKind, EvaluationDetail, EvaluationState, ProblemType, RegisteredAgent
 from wrongturn_protocol.episodes import ActionError, action_error
 from wrongturn_protocol.observations import Observation
@@ -195,10 +196,7 @@ def _registration_error(error: ValidationError, name: str) -> str:
     first = error.errors(include_url=False)[0]
     field = ".".join(map(str, first["loc"]))
     if field == "name":
-        return (
-            f"--name: {name!r} cannot be a name; give at most 64 letters, digits, spaces, dots, dashes and "
-            "underscores, a letter or digit first"
-        )
+        return f"--name: {name!r} cannot be a name; {NAME_RULE}"
     return f"agent: its {field} cannot be registered: {first['msg']}"
 
 

@@ -22,6 +22,7 @@ from wrongturn_client.settings import OWNER_TOKEN
 from wrongturn_protocol import ProblemType
 from wrongturn_protocol.accounts import AgentName
 from wrongturn_protocol.home import home
+from wrongturn_protocol.json_output import write_whole
 
 _TOKEN: Final = "WRONGTURN_TOKEN"  # noqa: S105 - the variable's name
 _NAMES_TRIED: Final = 100
@@ -72,27 +73,19 @@ class OwnerTokens:
         others = [other for other in self.owners(url) if other.name != owner.name]
         kept.root[_origin(url)] = [*others, owner]
         with self._writing():
-            new = self._opened(".new", os.O_TRUNC)
-            with os.fdopen(new, "w") as file:
-                file.write(kept.model_dump_json(indent=2) + "\n")
-                file.flush()
-                os.fsync(new)
-            self.path.with_suffix(".new").replace(self.path)
+            write_whole([kept.model_dump_json(indent=2).encode(), b"\n"], self.path, private=True)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Keep other programs of this user from registering an owner meanwhile."""
         with self._writing():
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            descriptor = self._opened(".lock")
+            descriptor = os.open(self.path.with_suffix(".lock"), os.O_WRONLY | os.O_CREAT, 0o600)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX)
             yield
         finally:
             os.close(descriptor)
-
-    def _opened(self, suffix: str, flags: int = 0) -> int:
-        return os.open(self.path.with_suffix(suffix), os.O_WRONLY | os.O_CREAT | flags, 0o600)
 
     def _read(self) -> _Kept:
         try:

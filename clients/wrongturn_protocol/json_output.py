@@ -89,17 +89,24 @@ def give_json(value: Any, to: Path | None) -> bool:
     if to == STDOUT:
         typer.echo(text)
         return False
-    try:
-        write_whole([f"{text}\n".encode()], to)
-    except OSError as error:
-        raise JsonFileError(f"--json: {to} cannot be written ({error.strerror}); name another file") from error
+    write_json(f"{text}\n", to)
     return True
 
 
-def write_whole(parts: Iterable[bytes], file: Path) -> None:
+def write_json(text: str, to: Path | None) -> None:
+    """Write JSON into the file of ``--json``; None writes nothing. Raises JsonFileError if it cannot be written."""
+    if to is None:
+        return
+    try:
+        write_whole([text.encode()], to)
+    except OSError as error:
+        raise JsonFileError(f"--json: {to} cannot be written ({error.strerror}); name another file") from error
+
+
+def write_whole(parts: Iterable[bytes], file: Path, *, private: bool = False) -> None:
     """Write a file, all at once or not at all; compressed if its name ends in ``.gz``.
 
-    The same parts give the same bytes.
+    The same parts give the same bytes. Only its owner may read a ``private`` file, which is on the disk at the end.
 
     Raises:
         OSError: The file cannot be written.
@@ -111,12 +118,15 @@ def write_whole(parts: Iterable[bytes], file: Path) -> None:
     target = file.resolve()  # a link stays a link
     new = target.with_name(f".{target.name}.new")
     try:
-        with new.open("wb") as out:
+        with open(new, "wb", opener=_opened_by_owner if private else None) as out:
             if target.suffix == ".gz":
                 with gzip.GzipFile(filename="", mode="wb", fileobj=out, mtime=0) as packed:
                     packed.writelines(parts)
             else:
                 out.writelines(parts)
+            if private:
+                out.flush()
+                os.fsync(out.fileno())
         new.replace(target)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -126,3 +136,7 @@ def write_whole(parts: Iterable[bytes], file: Path) -> None:
 
 def _is_file(word: str) -> bool:
     return word == str(STDOUT) or word.endswith(_ENDINGS) or word.startswith("/dev/")
+
+
+def _opened_by_owner(path: str, flags: int) -> int:
+    return os.open(path, flags, 0o600)

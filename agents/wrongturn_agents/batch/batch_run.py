@@ -9,14 +9,14 @@ from typing import Final
 
 from wrongturn_agents.batch.group import Group, drive_group
 from wrongturn_agents.batch.workers import Workers
-from wrongturn_agents.errors import ResultsError, RunError
+from wrongturn_agents.errors import RunError
 from wrongturn_agents.practice import name_in_file, trials_of
 from wrongturn_agents.progress import Progress
 from wrongturn_agents.registry import AgentSource, with_absolute_file
-from wrongturn_agents.results_file import ResultsFile, read_runs, text_of
+from wrongturn_agents.results_file import ResultsFile, resumed, text_of
 from wrongturn_agents.suites import SuiteTrials, installed_suite
 from wrongturn_networks.draws import public_secret
-from wrongturn_protocol.json_output import write_whole
+from wrongturn_protocol.json_output import write_json
 
 WHOLE: Final = (1, 1)
 """The only shard of a run in one piece."""
@@ -24,7 +24,6 @@ _LARGEST: Final = 16
 """Most trials of a group. A run that is killed loses the groups that were being driven."""
 _EACH: Final = 4
 """Groups that each worker gets at least, if there are trials enough."""
-_REMEDY: Final = "name a new file, or the file of the run to resume"
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ class BatchRun:
         self.agents, self.draws, self.file = tuple(agents), draws, file
         self._task, self._shard = task, shard
         self._suite, self._in_draw = first, len(trials_of(first, task))
-        self.runs = [
+        runs = [
             ResultsFile(
                 agent=name,
                 suite=first.id,
@@ -85,8 +84,7 @@ class BatchRun:
             for name in names
             for draw in range(1, draws + 1)
         ]
-        if file is not None and file.exists():
-            self._resume(file)
+        self.runs = resumed(runs, file)
 
     @property
     def total(self) -> int:
@@ -99,17 +97,17 @@ class BatchRun:
 
         ``progress`` is called with the numbers of finished and of all trials.
 
-        Raises what :meth:`Workers.drive` raises, and RunError if the file cannot be written. The file holds the results
-        so far.
+        Raises what :meth:`Workers.drive` raises, and JsonFileError if the file cannot be written. The file holds the
+        results so far.
         """
-        self._write()
+        write_json(text_of(self.runs), self.file)
         size = max(1, min(_LARGEST, math.ceil(self.total / (_EACH * workers.count))))
         progress(self._finished(), self.total)
         with closing(workers.drive(self._groups(size), drive_group)) as driven:  # type: ignore[type-var]
             for group, results in driven:
                 run = self.runs[group.run]
                 self.runs[group.run] = run.model_copy(update={"trials": {**run.trials, **results}})
-                self._write()
+                write_json(text_of(self.runs), self.file)
                 progress(self._finished(), self.total)
 
     def suite_of(self, run: ResultsFile) -> SuiteTrials:
@@ -148,21 +146,3 @@ class BatchRun:
 
     def _secret(self, draw: int) -> str | None:
         return None if self._suite.secret is None else public_secret(self._suite.id, draw)
-
-    def _resume(self, file: Path) -> None:
-        try:
-            found = read_runs(file, _REMEDY)
-        except ResultsError as error:
-            raise ResultsError(f"--json: {error}") from error
-        bare = [one.model_copy(update={"trials": {}}) for one in found]
-        if bare != self.runs:
-            raise RunError(f"--json: {file} is of another run; {_REMEDY}")
-        self.runs = list(found)
-
-    def _write(self) -> None:
-        if self.file is None:
-            return
-        try:
-            write_whole([text_of(self.runs).encode()], self.file)
-        except OSError as error:
-            raise RunError(f"--json: {self.file} cannot be written ({error.strerror}); name another file") from error

@@ -18,6 +18,7 @@ from torch import nn
 from wrongturn_agents.onnx_agent import load_onnxruntime
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_client.submitter import NAME_RULE, is_name
+from wrongturn_protocol.json_output import write_whole
 
 OPSET: Final = 18
 """Opset of the files. Torch writes it without a conversion, and every onnxruntime since 1.14 reads it."""
@@ -75,10 +76,8 @@ def export_graph(
 def write_graph(file: Path, graph: onnx.ModelProto, facts: Mapping[str, str]) -> None:
     """Write a file all at once, with its metadata."""
     onnx.helper.set_model_props(graph, dict(facts))
-    beside = file.with_name(file.name + ".part")
     try:
-        beside.write_bytes(graph.SerializeToString(deterministic=True))
-        beside.replace(file)
+        write_whole([graph.SerializeToString(deterministic=True)], file)
     except OSError as error:
         raise TrainingError(f"FILE: {file} cannot be written ({error.strerror}); name another") from error
 
