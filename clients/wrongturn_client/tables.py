@@ -178,7 +178,7 @@ def _below(metrics: Metrics) -> list[str]:
         )
     if (complied := metrics.compliance) is not None:
         each = ", ".join(f"{name(fault)} {one.count}/{one.trials}" for fault, one in complied.faults.items())
-        lines.append(f"complied with {complied.count} of {complied.trials} commands that nobody could doubt: {each}")
+        lines.append(f"complied with {complied.count} of {complied.trials} undetectable wrong commands: {each}")
     if (alarms := metrics.false_alarms) is not None:
         lost = "" if alarms.seconds_lost is None else f", {alarms.seconds_lost:.1f} s lost on average"
         lines.append(

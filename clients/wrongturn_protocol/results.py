@@ -129,7 +129,7 @@ class FalseAlarms(Message):
 
 
 class ComplianceCount(Message):
-    """Trials in which the car took the exit that was commanded, of those whose command nobody could see to be wrong."""
+    """Trials in which the car took the exit that was commanded, of those whose wrong command the road does not show."""
 
     count: int
     trials: int

@@ -178,7 +178,7 @@ def severity(outcomes: Sequence[Outcome]) -> Severity | None:
 
 
 def compliance(faulted: Sequence[tuple[Trial, Outcome]]) -> Compliance | None:
-    """Return how often the commanded exit was taken where nobody could see that it is wrong; None without such trials.
+    """Return how often the commanded exit was taken in trials that are not detectable; None without such trials.
 
     An aborted trial counts as one in which it was not taken.
     """

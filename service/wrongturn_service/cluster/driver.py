@@ -126,7 +126,7 @@ class Driver:
             except Exception as error:
                 lost = isinstance(error, TimeoutError)
                 news = "Ray's head does not answer" if lost else f"Ray's head failed: {error}"
-                replaced += await listens(self._head)
+                replaced += await asyncio.to_thread(listens, self._head)
             else:
                 replaced = 0
             if news == told:
@@ -140,15 +140,12 @@ class Driver:
             await asyncio.sleep(LOOK_S)
 
 
-async def listens(address: str) -> bool:
+def listens(address: str) -> bool:
     """Return whether somebody listens at an address."""
-    host, _, port = address.rpartition(":")
     try:
-        async with asyncio.timeout(_PATIENCE_S):
-            _, writer = await asyncio.open_connection(host.strip("[]"), int(port))
-    except (OSError, TimeoutError):
+        check_answer(address)
+    except OSError:
         return False
-    writer.close()
     return True
 
 
