@@ -30,13 +30,14 @@ from wrongturn_agents.errors import AgentsError, RunFileError
 from wrongturn_agents.evaluation_run import RunOptions, evaluate
 from wrongturn_agents.figures.evaluation_record import check_suite
 from wrongturn_agents.progress import ProgressStyle, show_progress
-from wrongturn_agents.registry import AGENTS, EXPLOITS, AgentSource, resolve, with_absolute_file
+from wrongturn_agents.registry import AGENTS, GROUP, AgentSource, resolve, with_absolute_file
 from wrongturn_agents.results_file import TrialResult
 from wrongturn_agents.saved_run import SavedRun, checksums
 from wrongturn_agents.saved_run import directory as saved_runs
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.stored_results import STORED, shipped_seeds, table_order
 from wrongturn_agents.suites import WRONG_COMMAND
+from wrongturn_client.plugins import entry_points
 from wrongturn_judge import THRESHOLDS, Thresholds, judge_of
 from wrongturn_networks import load_suite, town_of
 from wrongturn_protocol import FaultKind, RunFile, Trial
@@ -158,7 +159,7 @@ def drive_draw(name: str, secret: str) -> dict[str, dict[str, int]]:
 def make_thresholds(names: Sequence[str]) -> None:
     """Judge agents that are not stored with their weights; by default the shipped ones and those that aim at rules."""
     agents = read("judging")
-    for name in names or (*AGENTS, *_trained(), *EXPLOITS):
+    for name in names or (*AGENTS, *_trained(), *entry_points(GROUP)):
         if agents.get(name, {}).get("weights_sha256", "") != weights_sha256(name):
             agents[name] = judge_agent(name)
             write("judging", agents)

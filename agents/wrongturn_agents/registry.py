@@ -6,8 +6,9 @@ A name is one of four things: a registered name (``careful``), your own class (`
 
 import importlib
 import inspect
+import logging
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
@@ -29,13 +30,11 @@ from wrongturn_agents.errors import (
     UnknownAgentError,
     why_no_file,
 )
-from wrongturn_agents.exploits.aside import Askew, Broadside, Maniac, Pavement, Straddler, Turncoat
-from wrongturn_agents.exploits.beyond import Circles, LateObey, Sleeper, Tail
-from wrongturn_agents.exploits.rule_drivers import Clone, Creeper, Odometer, PauseThenObey, Rememberer, Twitcher
-from wrongturn_agents.exploits.stunts import Blocker, HeadOn, OncomingLane, UTurner
 from wrongturn_agents.onnx_agent import OnnxAgent
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS, trained_with
+from wrongturn_client.errors import PluginError
 from wrongturn_client.invocation import program, python
+from wrongturn_client.plugins import entry_points, load
 from wrongturn_protocol import AgentKind, Track
 from wrongturn_protocol.suggestions import did_you_mean
 
@@ -43,13 +42,8 @@ AGENTS: Final = MappingProxyType(
     {agent.name: agent for agent in (Parked, AlwaysStops, IgnoresCommands, ObeysBlindly, Careful)}
 )
 """Classes of the baselines by name."""
-_EXPLOITS: Final[tuple[Any, ...]] = (
-    *(PauseThenObey, OncomingLane, Creeper, Blocker, Twitcher, Odometer, Clone, UTurner, HeadOn),
-    *(Broadside, LateObey, Circles, Tail, Maniac),
-    *(Askew, Sleeper, Pavement, Straddler, Turncoat, Rememberer),
-)
-EXPLOITS: Final = MappingProxyType({agent.name: agent for agent in _EXPLOITS})
-"""Classes of the exploits that only drive, by name."""
+GROUP: Final = "wrongturn.agents"
+"""Entry-point group of agents from other packages: each names a class, by the name that users give."""
 _TRAINED: Final = MappingProxyType({**SHIPPED_AGENTS, **DOUBTING_AGENTS})
 
 ZIP: Final = ".zip"
@@ -88,11 +82,24 @@ class AgentSource:
 
 
 def list_agents() -> list[AgentListing]:
-    """Return the baselines, the trained agents and the exploits. The description says which must be trained first."""
+    """Return the baselines, the trained agents, and the agents of other packages.
+
+    The description says which must be trained first.
+    """
     return [
         AgentListing(name=agent.name, track=agent.track, kind=agent.kind, description=_description(agent))
-        for agent in (*AGENTS.values(), *_TRAINED.values(), *EXPLOITS.values())
-    ]
+        for agent in (*AGENTS.values(), *_TRAINED.values())
+    ] + [*_listed_of_others()]
+
+
+def _listed_of_others() -> Iterator[AgentListing]:
+    for name, point in entry_points(GROUP).items():
+        try:
+            found = _source(name, load(point))
+        except (PluginError, NotAnAgentError) as error:  # the rest works
+            logging.getLogger(__name__).warning("%s is left out: %s", name, error)
+        else:
+            yield AgentListing(name=name, track=found.track, kind=found.kind, description=found.description)
 
 
 def _description(agent: Any) -> str:
@@ -112,16 +119,20 @@ def resolve(named: str) -> AgentSource:
 
     Raises:
         UnknownAgentError: No agent is registered under the name.
+        PluginError: The class of an agent from another package cannot be imported.
         AgentImportError: The class cannot be imported.
         NotAnAgentError: The class lacks ``reset``, ``act`` or ``track``.
         ModelFileError: The file is missing or broken, breaks the contract, or fails on a made-up observation.
         OnnxRuntimeMissingError: The extra ``onnx`` is not installed. A trained agent raises it only when it is made.
         MissingPackageError: A ``.zip`` file needs the extra ``training``, which is not installed.
     """
-    if (agent_class := AGENTS.get(named) or EXPLOITS.get(named)) is not None:
+    if (agent_class := AGENTS.get(named)) is not None:
         return _source(named, agent_class)
     if (shipped := _TRAINED.get(named)) is not None:
         return _made(shipped, shipped.make, [file for file in shipped.files if file.is_file()])
+    others = entry_points(GROUP)
+    if named in others:
+        return _source(named, load(others[named]))
     if named.endswith(".onnx"):
         return _model(Path(named))
     if named.endswith(ZIP):
@@ -130,7 +141,7 @@ def resolve(named: str) -> AgentSource:
         return _source(named, _import(named))
     if named.endswith(_PY):
         raise UnknownAgentError(f"agent: {named} is a file; write {_module_of(named)}:Class")
-    known = (*AGENTS, *_TRAINED, *EXPLOITS)
+    known = (*AGENTS, *_TRAINED, *others)
     raise UnknownAgentError(
         f"agent: there is no agent called {named[:_SHOWN]!r}; known are {', '.join(known)}; or name "
         f"package.module:Class, a .onnx file, or a .zip file of Stable-Baselines3{did_you_mean(named, known)}"

@@ -5,7 +5,9 @@ import pytest
 
 from wrongturn_agents import AGENTS, Agent, list_agents, resolve
 from wrongturn_agents.errors import AgentImportError, AgentsError, ModelFileError, NotAnAgentError, UnknownAgentError
-from wrongturn_agents.registry import EXPLOITS
+from wrongturn_agents.registry import GROUP
+from wrongturn_client.errors import PluginError
+from wrongturn_client.plugins import entry_points
 from wrongturn_protocol import AgentKind, Track
 from wrongturn_protocol.reserved_names import SHIPPED_NAMES
 
@@ -63,7 +65,7 @@ def test_the_five_baselines_are_listed_first():
 
 @pytest.mark.parametrize(
     ("name", "kind"),
-    [*((name, AgentKind.BASELINE) for name in AGENTS), *((name, AgentKind.EXPLOIT) for name in EXPLOITS)],
+    [*((name, AgentKind.BASELINE) for name in AGENTS), *((name, AgentKind.EXPLOIT) for name in entry_points(GROUP))],
 )
 def test_a_registered_name_makes_an_agent_that_says_what_it_is(name, kind):
     source = resolve(name)
@@ -144,3 +146,20 @@ def test_a_class_that_needs_arguments(own_module):
 
 def test_the_service_reserves_the_names_of_all_agents() -> None:
     assert {agent.name for agent in list_agents()} == SHIPPED_NAMES
+
+
+def test_a_package_names_agents_and_a_broken_one_leaves_the_rest(tmp_path, monkeypatch, caplog):
+    points = "[wrongturn.agents]\nslow = slow_car:Slow\nlost = slow_car:Nobody\n"
+    for name, text in (
+        ("slow_car.py", "class Slow:\n    '''Is slow.'''\n    track = 'camera'\n    reset = act = lambda *_: None\n"),
+        ("slow_car-1.dist-info/METADATA", "Name: slow-car\nVersion: 1\n"),
+        ("slow_car-1.dist-info/entry_points.txt", points),
+    ):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert [one.description for one in list_agents() if one.name in {"slow", "lost"}] == ["Is slow."]
+    assert "lost is left out" in caplog.text
+    assert resolve("slow").track is Track.CAMERA
+    with pytest.raises(PluginError, match="'lost' of slow-car"):
+        resolve("lost")

@@ -16,6 +16,7 @@ SOURCES = {
     "networks": "networks",
     "service": "service",
     "agents": "agents",
+    "exploits": "plugins/exploits",
     "openenv": "plugins/openenv",
 }
 

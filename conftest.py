@@ -55,7 +55,7 @@ TOGETHER = {
     **{f"tests/service/test_{name}.py": "service" for name in (*_OF_ONE_SERVICE, "replays", "traffic", "views")},
     "tests/contract": "contract",
     "tests/browser": "browser",
-    "tests/exploits": "agents",
+    "plugins/exploits": "agents",
     **{f"tests/agents/test_{name}.py": "agents" for name in ("batch", "practice", "worker")},
     "tests/benchmarks/test_short_forms.py": "agents",
     "tests/system/test_pages_run.py": "agents",
