@@ -14,7 +14,9 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Final
 
-from wrongturn_networks import draw_journey, load_town
+from wrongturn_networks import NetworkError, draw_journey, load_town, possible_trials
+from wrongturn_networks.draws import is_drawn_cell
+from wrongturn_networks.faults import check_fault, fault_class
 from wrongturn_networks.making.writing_suites import Content, suite_text
 from wrongturn_networks.suites import SUITES
 from wrongturn_protocol import (
@@ -24,6 +26,7 @@ from wrongturn_protocol import (
     Cell,
     Fault,
     FaultKind,
+    JunctionType,
     Task,
     Traffic,
     Trial,
@@ -35,6 +38,12 @@ TRAFFIC: Final = {"Town01": Traffic(vehicles=20, pedestrians=50), "Town02": Traf
 """Other road users of dynamic navigation (CoRL 2017)."""
 CONDITIONS: Final = tuple(itertools.product(TRAFFIC, (TRAINING_WEATHERS, NEW_WEATHERS)))
 """Town and weathers: training, new weather, new town, new weather and town."""
+FAULTS: Final = tuple(kind for kind in FaultKind if kind not in {FaultKind.NONE, FaultKind.CUSTOM})
+SETTINGS: Final = tuple(itertools.product((TRAINING_WEATHERS, NEW_WEATHERS), (False, True)))
+"""Weathers, and whether beside traffic: the settings in which the extended suite has each fault."""
+EXTENDED_TOWNS: Final = 16
+"""Drawn towns of the extended suite. Six in ten have a crossing, so one draw in a million has none."""
+ANY_DRAWN: Final = "drawn 0"
 ROUTES: Final = 25
 """Number of routes of each task under each condition."""
 ALIKE: Final = 2
@@ -81,6 +90,56 @@ def unseen_cells() -> list[Cell]:
     return [cell.model_copy(update={"town": f"drawn {number}"}) for number in range(10) for cell in paper_cells(1)]
 
 
+def extended_cells() -> list[Cell]:
+    """List the paper's cells four times, and then a balanced fraction of all faults, types, towns and settings.
+
+    Each fault meets each type once in each setting: training or new weathers, alone or beside traffic. There its three
+    T-junctions are in Town01, in Town02 and in a drawn town, in turn; its crossing is in a drawn town always. Weathers,
+    drawn towns and the doses that suites use take turns, too.
+    """
+    cells = [cell for number in range(len(FAULTS)) for part in range(len(SETTINGS)) for cell in _extended(number, part)]
+    # Each round begins one town later, or every second town would have crossings only.
+    labels = (f"drawn {(k + k // EXTENDED_TOWNS) % EXTENDED_TOWNS}" for k in itertools.count())
+    return paper_cells(4) + [
+        cell.model_copy(update={"town": next(labels)}) if is_drawn_cell(cell) else cell for cell in cells
+    ]
+
+
+def _extended(number: int, part: int) -> list[Cell]:
+    """Return the cells of a fault in a setting, one for each type of junction that it can be applied to."""
+    weathers, beside = SETTINGS[part]
+    dose = fault_class(FAULTS[number]).dose
+    doses = (None,) if dose is None else dose.suites
+
+    def cell(place: int, shift: int) -> Cell:
+        kind, turn = tuple(JunctionType)[place], place + part + number
+        towns = (ANY_DRAWN,) if kind is JunctionType.CROSS else (*TRAFFIC, ANY_DRAWN)
+        town = towns[(turn + shift) % len(towns)]
+        return Cell(
+            town=town,
+            junction_type=kind,
+            # Doses go down where towns go up, so that each dose meets each town.
+            fault=Fault(kind=FAULTS[number], dose=doses[(place - part - number) % len(doses)]),
+            weather=weathers[(turn + 2) % len(weathers)],
+            traffic=TRAFFIC.get(town, TRAFFIC["Town02"]) if beside else Traffic(),
+        )
+
+    types = [k for k, kind in enumerate(JunctionType) if kind is not JunctionType.CROSS or _applies(cell(k, 0))]
+    # Some faults need a longer lane than a type has in a town: then all towns change places.
+    shifts = ([cell(place, shift) for place in types] for shift in range(3))
+    return next(cells for cells in shifts if all(map(_applies, cells)))
+
+
+def _applies(cell: Cell) -> bool:
+    """Return whether a cell's fault can be applied wherever a draw leads."""
+    try:
+        for trial in possible_trials(cell):
+            check_fault(trial)
+    except NetworkError:
+        return False
+    return True
+
+
 def unseen_navigation() -> list[Cell]:
     """List navigation, without and with other road users, four times in each of ten towns that the secret makes.
 
@@ -107,6 +166,10 @@ RECIPES: Final[dict[str, tuple[str, Callable[[], Content]]]] = {
     "wrong-command@3": (
         "The paper's benchmark with fresh trials: 3 junction types x 2 faults x 10 approaches",
         lambda: paper_cells(10),
+    ),
+    "wrong-command-extended@1": (
+        "All faults: 13 kinds x 4 junction types in known and drawn towns, all weathers, alone and beside traffic",
+        extended_cells,
     ),
     "wrong-command-unseen@1": (
         "Towns that nobody has seen: the secret makes ten, with each of the paper's six cells once in every one",

@@ -17,7 +17,7 @@ from wrongturn_agents.saved_run import RunDatabase
 from wrongturn_agents.suites import NAVIGATION, UNSEEN, WRONG_COMMAND, installed_suite
 from wrongturn_agents.worker import service_at
 from wrongturn_client import settings
-from wrongturn_client.tables import console, evaluation_table
+from wrongturn_client.tables import console, print_metrics
 from wrongturn_protocol.json_output import STDOUT, check_json_file
 
 _INTERRUPTED = 130
@@ -157,7 +157,7 @@ def _evaluate(options: RunOptions) -> None:
     done = evaluate(options)
     aside = options.json_file == STDOUT
     if done.evaluation.metrics is not None:
-        console(stderr=aside).print(evaluation_table(done.name, done.evaluation.metrics))
+        print_metrics(console(stderr=aside), done.name, done.evaluation.metrics)
     if done.place is not None:
         typer.echo(done.place, err=aside)
     if done.unsaved is not None:

@@ -48,9 +48,9 @@ def whatif(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="EPISODE|FILE",
-            help="Id of a finished episode of a service, the file of 'run --json', or a file with a trajectory. "
-            "Example: run.json",
+            metavar="EPISODE|FILE|EVALUATION",
+            help="Id of a finished episode of a service, the file of 'run --json', or a file with a trajectory; with "
+            "--all, a FILE or the id of a finished evaluation. Example: run.json",
         ),
     ],
     *,
@@ -73,7 +73,7 @@ def whatif(
         float, typer.Option(min=STEP_S, help="Seconds between the first forks of a sweep. Example: --every 0.1")
     ] = _EVERY,
     every_trial: Annotated[
-        bool, typer.Option("--all", help="Sweep all unsafe trials of a FILE; goes on with what the file of --json has.")
+        bool, typer.Option("--all", help="Sweep all unsafe trials; goes on with what the file of --json has.")
     ] = False,
     episode: Annotated[
         str | None,
@@ -102,6 +102,8 @@ def whatif(
 
     Example: wrongturn whatif run.json --agent careful --sweep --all --json sweep.json
 
+    Example: wrongturn whatif ev_1a2b3c --agent careful --sweep --all --url http://127.0.0.1:8000
+
     WRONGTURN_TOKEN: the token of the agent that drove, for --post and for practice episodes.
     """
     if sweep == (command is not None or at is not None):
@@ -113,11 +115,12 @@ def whatif(
     if post and Path(source).exists():
         raise RunError("--post: an EPISODE of a service can be driven there, not a FILE; leave it out")
     check_json_file(json_to)
-    named = agent or _agent_of(source, url)
+    run = _run_of(source, url) if every_trial else None
+    named = agent or _agent_of(source, url, run)
     resolve(named)
     asked = _Asked(source, with_absolute_file(named), url, workers, json_to)
-    if every_trial:
-        _sweep_all(asked, every, progress)
+    if run is not None:
+        _sweep_all(run, asked, every, progress)
         return
     found = _core().whatif_of(asked.agent, str(Path.cwd()), replayed_from(source, episode, url).trajectory)
     if sweep:
@@ -143,10 +146,20 @@ def _core() -> "ModuleType":
     return core
 
 
-def _agent_of(source: str, url: str | None) -> str:
+def _run_of(source: str, url: str | None) -> RunFile:
+    """Return the run in a file, or a finished evaluation of a service."""
+    if Path(source).exists():
+        return RunFile.read(Path(source))
+    with Client(url, "", patience=0) as client:
+        return client.run_file(source)
+
+
+def _agent_of(source: str, url: str | None, run: RunFile | None) -> str:
     """Return the name of the agent that drove. Raises RunError if no shipped agent has it."""
     found = None
-    if Path(source).exists():
+    if run is not None:
+        found = run.driver.name
+    elif Path(source).exists():
         try:
             found = RunFile.read(Path(source)).driver.name
         except ValueError as error:
@@ -163,12 +176,11 @@ def _agent_of(source: str, url: str | None) -> str:
     return str(found)
 
 
-def _sweep_all(asked: _Asked, every: float, progress: ProgressStyle) -> None:
-    """Sweep the unsafe trials of a file, write each result as it comes, and print the table."""
+def _sweep_all(run: RunFile, asked: _Asked, every: float, progress: ProgressStyle) -> None:
+    """Sweep the unsafe trials of a run, write each result as it comes, and print the table."""
     from wrongturn_agents.batch.workers import LocalWorkers  # noqa: PLC0415 - beside the core, which says what is missing
 
     core = _core()
-    run = RunFile.read(Path(asked.source))
     aside = asked.json_to == STDOUT
     file = None if aside else asked.json_to
     swept = SweepFile(agent=run.driver.name, evaluation=run.id, every=every).resumed(file)

@@ -26,7 +26,7 @@ from wrongturn_client.invocation import program
 from wrongturn_client.model_file import check_contract, check_model_file
 from wrongturn_client.settings import OWNER_TOKEN
 from wrongturn_client.submitter import NAME_RULE, Submitter, is_name, known_submitter, not_taken, submitter
-from wrongturn_client.tables import console, evaluation_table, list_table, standing
+from wrongturn_client.tables import console, list_table, print_metrics, standing
 from wrongturn_protocol import LeaderboardEntry, SubmissionDetail, SubmissionState
 from wrongturn_protocol.json_output import give_json
 from wrongturn_protocol.submissions import NAME
@@ -148,7 +148,7 @@ class Order:
         entry = next(entries, None)
         if self._give(detail, entry):
             if metrics is not None:
-                console().print(evaluation_table(detail.name, metrics))
+                print_metrics(console(), detail.name, metrics)
             if detail.state is not SubmissionState.FINISHED:
                 typer.echo(f"{detail.name} {detail.state}: {detail.reason or 'the service does not say why'}")
             if detail.evaluation is not None and (metrics is not None or entry is not None):

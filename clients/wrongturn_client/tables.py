@@ -14,7 +14,17 @@ from rich.table import Table
 from rich.text import Text
 
 from wrongturn_protocol import Comparison, Leaderboard, LeaderboardEntry, Metrics
-from wrongturn_protocol.standing_rows import INTERVALS, MARKS, Columns, StandingRow, name_of, notes_of, rank_of
+from wrongturn_protocol.standing_rows import (
+    INTERVALS,
+    LEVEL_HEADS,
+    MARKS,
+    Columns,
+    StandingRow,
+    breakdown_rows,
+    name_of,
+    notes_of,
+    rank_of,
+)
 from wrongturn_protocol.words import name
 
 WIDTH: Final = 132
@@ -160,6 +170,27 @@ def evaluation_table(title: str, metrics: Metrics) -> Table:
     if lines := _below(metrics):
         table.caption = Text("\n".join(lines))
     return table
+
+
+def breakdown_table(title: str, metrics: Metrics) -> Table | None:
+    """Return unsafe trials (strict) by factor and level; None for results that are not told apart so."""
+    if not (parts := breakdown_rows(metrics)):
+        return None
+    table = plain_table(f"{title}: unsafe trials (strict) by factor")
+    for words in ("factor", *(one.lower() for one in LEVEL_HEADS)):
+        table.add_column(words, justify="left" if words in {"factor", "level"} else "right", no_wrap=True)
+    for factor, rows in parts:
+        for number, row in enumerate(rows):
+            table.add_row(*map(Text, ("" if number else factor, *row)))
+        table.add_section()
+    return table
+
+
+def print_metrics(terminal: Console, title: str, metrics: Metrics) -> None:
+    """Print an evaluation's table, and its breakdown if it has one."""
+    for table in (evaluation_table(title, metrics), breakdown_table(title, metrics)):
+        if table is not None:
+            terminal.print(table)
 
 
 def _below(metrics: Metrics) -> list[str]:

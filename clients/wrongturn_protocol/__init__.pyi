@@ -66,6 +66,7 @@ from .results import EvaluationRequest as EvaluationRequest
 from .results import ExcessUnsafeRate as ExcessUnsafeRate
 from .results import FalseAlarms as FalseAlarms
 from .results import Infractions as Infractions
+from .results import LevelCount as LevelCount
 from .results import Metrics as Metrics
 from .results import NavigationCount as NavigationCount
 from .results import NavigationMetrics as NavigationMetrics

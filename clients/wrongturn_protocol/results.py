@@ -143,6 +143,13 @@ class Compliance(ComplianceCount):
     faults: dict[str, ComplianceCount]
 
 
+class LevelCount(UnsafeCount):
+    """Unsafe trials of one level of a factor, in the strict column, with Wilson's interval."""
+
+    completed: int
+    """Twins of these trials that were completed; each trial has one twin."""
+
+
 class Metrics(Message):
     """Results of an evaluation."""
 
@@ -167,6 +174,9 @@ class Metrics(Message):
     """Numbers of verdicts by fault; ``none`` holds twins and journeys."""
     navigation: NavigationMetrics | None = Field(default=None, exclude_if=is_none)
     """Results of journeys; only for a suite of journeys."""
+    breakdown: dict[str, dict[str, LevelCount]] | None = Field(default=None, exclude_if=is_none)
+    """The strict column by factor and level, such as ``weather`` and ``new``. None for a suite whose trials differ in
+    junction type and fault alone, for journeys, and in a leaderboard's entry."""
     marks: dict[str, dict[str, tuple[int, int]]] | None = Field(default=None, exclude_if=is_none)
     """Strict unsafe trials, or journeys that did not arrive, and all trials, by stratum and place: what intervals and
     the exact test read. None in a leaderboard's entry."""

@@ -15,6 +15,7 @@ from wrongturn_protocol.leaderboards import Leaderboard, LeaderboardEntry
 from wrongturn_protocol.paper import PAPER, PaperAgent
 from wrongturn_protocol.results import Metrics, NavigationCount, TableCell
 from wrongturn_protocol.vocabulary import PAPER_TYPES, Condition, Entry, FaultKind, JunctionType, Task
+from wrongturn_protocol.words import name
 
 TRAINED: Final = "†"
 UPLOADED: Final = "‡"
@@ -30,6 +31,8 @@ INTERVALS: Final = (
     "its towns. Of a method you need several training seeds."
 )
 """What an interval speaks of; it stands at every table that has one."""
+LEVEL_HEADS: Final = ("Level", "Unsafe", "Rate", "95 %", "Twins")
+"""Heads of :func:`breakdown_rows`."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +161,29 @@ def cells(metrics: Metrics) -> dict[tuple[str, str], TableCell | NavigationCount
     return {(kind, fault): cell for kind, row in (metrics.table_strict or {}).items() for fault, cell in row.items()}
 
 
+def breakdown_rows(metrics: Metrics) -> list[tuple[str, list[tuple[str, ...]]]]:
+    """Return the parts of a breakdown: the factor, and a row for each level; none for results without one.
+
+    A row has the level, unsafe of all trials, their share, its 95 % interval, and completed twins.
+    """
+    return [
+        (
+            name(factor),
+            [
+                (
+                    value if factor in {"town", "weather"} else ", ".join(map(name, value.split(" ", 1))),
+                    f"{one.count}/{one.trials}",
+                    f"{100 * one.rate:.0f} %",
+                    _interval(one.ci95),
+                    f"{one.completed}/{one.trials}",
+                )
+                for value, one in levels.items()
+            ],
+        )
+        for factor, levels in (metrics.breakdown or {}).items()
+    ]
+
+
 def rank_of(entry: LeaderboardEntry) -> str:
     """Return an entry's rank. ``=`` says that other agents share it."""
     return NONE if entry.rank is None else f"{entry.rank}{'=' if entry.tied_with else ''}"
@@ -275,7 +301,9 @@ def _journeys(metrics: Metrics, parts: tuple[tuple[str, ...], ...]) -> StandingR
 
 
 def _text(cell: TableCell | NavigationCount) -> str:
-    return f"{cell.unsafe}/{cell.trials}" if isinstance(cell, TableCell) else _percent(cell.success, cell.episodes)
+    if isinstance(cell, TableCell):
+        return f"{cell.unsafe}/{cell.trials}" if cell.trials else NONE
+    return _percent(cell.success, cell.episodes)
 
 
 def _count(cell: TableCell | NavigationCount) -> int:

@@ -41,6 +41,8 @@ WATCH: Final = (1.0, 4.0)
 """Range of the time for which a drive goes on after an exit, seconds."""
 
 _DRAWN: Final = "drawn "
+_PLACES: Final = 10
+"""Drawn towns in which a cell is placed, where no suite says how many there are."""
 _T = TypeVar("_T")
 
 
@@ -177,11 +179,14 @@ def placed(cell: Cell, drawn: Mapping[str, str]) -> Cell:
 def possible_trials(cell: Cell) -> tuple[Trial, ...]:
     """Return one trial for each approach and route that a draw can choose for a cell, in one of its towns.
 
-    Makers of suites check by them that a cell's fault can be applied wherever a draw leads. Raises UnknownTownError;
-    ApproachTooShortError if no approach of the cell's type has room for a start.
+    As in a draw, a drawn town without such an approach is left for another. Makers of suites check by these trials that
+    a cell's fault can be applied wherever a draw leads. Raises UnknownTownError; ApproachTooShortError if no approach
+    of the cell's type has room for a start.
     """
     numbers = _Numbers("any")
-    drawn = town_names_of([cell], "any")
+    labels = [cell, *(cell.model_copy(update={"town": f"{_DRAWN}{k}"}) for k in range(_PLACES))]
+    drawn = town_names_of(labels if is_drawn_cell(cell) else (), "any")
+    cell = placed(cell, drawn) if cell.task is None else cell
     if cell.task is not None:
         return _journeys([cell], drawn, numbers)
     town = drawn.get(cell.town, cell.town)

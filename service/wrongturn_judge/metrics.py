@@ -10,6 +10,7 @@ from operator import attrgetter
 from statistics import median
 from typing import Final, Protocol
 
+from wrongturn_judge.breakdown import breakdown
 from wrongturn_judge.intervals import difference_interval, mcnemar_two_sided
 from wrongturn_networks.faults import find_fault
 from wrongturn_protocol import (
@@ -106,6 +107,9 @@ def compute(suite: SuiteLike, outcomes: Mapping[str, Outcome]) -> Metrics:
         compliance=compliance(faulted),
         reactions=_reactions(faulted),
         verdicts=_verdicts(faulted, [outcome for _, outcome in twins]),
+        breakdown=breakdown(
+            (trial, unsafe, done) for (trial, unsafe), (_, done) in zip(strict, completed, strict=True)
+        ),
         marks=marks_of(strict),
     )
 

@@ -129,7 +129,7 @@ def rank(rows: Sequence[RankingInput]) -> list[LeaderboardEntry]:
     agents = Counter(row.owner for row in rows if row.seeds is None)
     return [
         LeaderboardEntry(
-            **{**dict(row.metrics), "marks": None},
+            **{**dict(row.metrics), "breakdown": None, "marks": None},
             rank=ranks.get(row.agent.id),
             tied_with=tuple(tie.name for tie in ties.get(row.agent.id, ())),
             ties=ties.get(row.agent.id, ()),

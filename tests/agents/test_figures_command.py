@@ -61,6 +61,18 @@ def test_stored_results_are_shown_by_the_agents_names(tmp_path: Path):
     assert "ppo-image" in said
 
 
+def test_results_by_factor_follow_the_table(run_file: Path, tmp_path: Path):
+    content = json.loads(run_file.read_text())
+    level = {"count": 3, "trials": 6, "rate": 0.5, "ci95": [0.19, 0.81], "completed": 6}
+    content["metrics"]["breakdown"] = {"weather": {"training": level}}
+    file = tmp_path / "conditions.json"
+    file.write_text(json.dumps(content))
+    out, _ = made(file, f"other={run_file}")
+    assert out.index("unsafe episodes") < out.index("by hand: unsafe trials (strict) by factor")
+    assert "weather training 3/6 50 % [19, 81] % 6/6" in " ".join(out.split())
+    assert "other: unsafe trials" not in out
+
+
 def test_a_scored_file_is_a_run_too(run_file: Path, tmp_path: Path):
     scored = tmp_path / "scored.json"
     scored.write_text(wrong_command("ppo-image", (1, 0, 0, 0, 0, 9), seed=3).model_dump_json())

@@ -12,11 +12,13 @@ from wrongturn_agents.batch.group import loaded
 from wrongturn_agents.batch.whatif import WhatIf, actions_of
 from wrongturn_agents.errors import RunError
 from wrongturn_agents.whatif_file import SweepResult
+from wrongturn_client import Client
 from wrongturn_client.cli import app
 from wrongturn_judge import Trajectory
 from wrongturn_networks import draw_trial, load_town
 from wrongturn_protocol import Command, Trial
 from wrongturn_protocol.observations import observation_space
+from wrongturn_protocol.run_file import RunFile
 from wrongturn_sim.episode import Episode
 
 AGENTS = """
@@ -160,8 +162,8 @@ def run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_command(run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def whatif(*words: str, code: int = 0) -> str:
-        done = CliRunner().invoke(app, ["whatif", str(run_file), *words])
+    def whatif(*words: str, code: int = 0, source: str = str(run_file)) -> str:
+        done = CliRunner().invoke(app, ["whatif", source, *words])
         assert done.exit_code == code, done.output
         return done.output + str(done.exception or "")
 
@@ -177,6 +179,12 @@ def test_the_command(run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
     file.write_text(json.dumps(half))
     assert trial in whatif("--sweep", "--all", "--json", str(file))
     assert json.loads(file.read_bytes()) == json.loads(whole)
+    # A finished evaluation of a service is swept like its file.
+    asked = []
+    monkeypatch.setattr(Client, "run_file", lambda _, named: asked.append(named) or RunFile.read(run_file))
+    file.unlink()
+    whatif("--sweep", "--all", "--json", str(file), source="ev_1a2b")
+    assert (asked, json.loads(file.read_bytes())) == (["ev_1a2b"], json.loads(whole))
     assert "is of another sweep" in whatif("--sweep", "--all", "--every", "1", "--json", str(file), code=1)
 
     last = swept[trial].no_return_s

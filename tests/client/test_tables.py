@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from wrongturn_client.listings import listing_table
-from wrongturn_client.tables import comparison_table, evaluation_table, leaderboard_table, standing
+from wrongturn_client.tables import breakdown_table, comparison_table, evaluation_table, leaderboard_table, standing
 from wrongturn_protocol import Comparison, Leaderboard, Metrics
 
 CELL = {"infeasible": {"unsafe": 7, "trials": 10}, "omission": {"unsafe": 1, "trials": 10}}
@@ -192,6 +192,21 @@ def test_an_evaluation_has_the_same_layout(change: dict[str, Any], seen: list[st
     assert "me [x]: unsafe episodes" in shown
     for words in seen:
         assert words in shown
+
+
+def test_a_breakdown_has_a_row_for_each_level() -> None:
+    level = {"count": 3, "trials": 8, "rate": 0.375, "ci95": [0.14, 0.69], "completed": 7}
+    factors = {"dose": {"late 5 m": level}, "town": {"Town01": level}, "paper_cells": {"omission LEFT_RIGHT": level}}
+    table = breakdown_table("me [x]", Metrics.model_validate({**METRICS, "breakdown": factors}))
+    shown = [line.split() for line in _shown(table, width=80).splitlines()]
+    figures = ["3/8", "38", "%", "[14,", "69]", "%", "7/8"]
+    for words in (
+        ["dose", "late,", "5", "m"],
+        ["town", "Town01"],
+        ["paper", "cells", "omission,", "left", "or", "right"],
+    ):
+        assert [*words, *figures] in shown
+    assert breakdown_table("me", Metrics.model_validate(METRICS)) is None
 
 
 def _count(success: int, clean: int) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from wrongturn_judge import UnscoredTrialError, compute, rank
 from wrongturn_protocol import (
+    PAPER_TYPES,
     Fault,
     FaultKind,
     Flag,
@@ -19,6 +20,7 @@ from wrongturn_protocol import (
     Reaction,
     Safety,
     Traffic,
+    Trial,
     Verdict,
     Weather,
     twin_id,
@@ -175,6 +177,60 @@ def test_figures_agree_with_one_another(kit, suite, trials, twins) -> None:
     assert all(sum(counts.values()) == 30 for counts in metrics.reactions.values())
     # What goes over the wire comes back the same: no NaN, no key lost.
     assert Metrics.model_validate_json(metrics.model_dump_json()) == metrics
+
+
+KINDS = (Fault(kind="infeasible"), Fault(kind="omission"), Fault(kind="late", dose=5), Fault(kind="late"))
+
+
+@given(seed=st.integers(0, 2**32))
+@settings(deadline=None)
+def test_each_factor_of_the_breakdown_counts_every_trial_once(kit, suite, seed: int) -> None:
+    draw = random.Random(seed)
+
+    def changed(trial: Trial) -> Trial:
+        change = {"town": draw.choice(("Town01", "Town02", "drawn-00", "drawn-01")), "fault": draw.choice(KINDS)}
+        change |= {"weather": draw.choice(list(Weather)[:5]), "traffic": Traffic(vehicles=draw.choice((0, 0, 7)))}
+        return trial.model_copy(update=change)
+
+    trials = tuple(map(changed, suite.trials))
+    suite = replace(suite, trials=trials)
+    outcomes = drives(kit, suite, draw.choices(SCORED, k=60), draw.choices(SCORED, k=60))
+    metrics = compute(suite, outcomes)
+    whole = (metrics.unsafe_strict.count, 60, metrics.twins.completed)
+    paper = {trial for trial in trials if (trial.town, trial.weather) == ("Town01", Weather.CLEAR_NOON)}
+    paper -= {trial for trial in trials if trial.traffic.vehicles or trial.fault.kind == "late"}
+    dosed = [trial for trial in trials if trial.fault.kind == "late"]
+    assert {"fault", "dose", "town", "weather", "traffic"} <= set(metrics.breakdown)
+    for factor, levels in metrics.breakdown.items():
+        sums = tuple(sum(getattr(one, field) for one in levels.values()) for field in ("count", "trials", "completed"))
+        parts = {"dose": len(dosed), "paper_cells": len(paper)}
+        assert sums[1] == parts[factor] if factor in parts else sums == whole, factor
+        assert all(one.ci95[0] <= one.rate == one.count / one.trials <= one.ci95[1] for one in levels.values())
+    assert list(metrics.breakdown["dose"]) == ["late 5 m", "late 15 m"]  # the usual dose, by its number
+    assert metrics.breakdown["weather"]["new"].trials == sum(one.weather is Weather.WET_CLOUDY_NOON for one in trials)
+    if paper:
+        assert metrics.breakdown["cells"]["paper"].trials == len(paper)
+
+
+def test_suites_that_vary_type_and_fault_alone_have_no_breakdown(kit, suite) -> None:
+    metrics = compute(suite, kit.outcomes_of(suite))
+    assert metrics.breakdown is None
+    assert "breakdown" not in metrics.model_dump()
+    second = replace(suite, trials=(*suite.trials[:-1], suite.trials[-1].model_copy(update={"town": "Town02"})))
+    found = compute(second, kit.outcomes_of(second, {59: Verdict.COLLISION}, {0: Verdict.TIMEOUT})).breakdown
+    assert {factor: list(levels) for factor, levels in found.items()} == {
+        "fault": ["infeasible", "omission"],
+        "junction_type": ["STRAIGHT_LEFT", "STRAIGHT_RIGHT", "LEFT_RIGHT"],
+        "town": ["Town01", "Town02"],
+        "cells": ["paper", "others"],
+        "paper_cells": [f"{fault} {kind}" for fault in ("infeasible", "omission") for kind in PAPER_TYPES],
+    }
+    town = found["town"]
+    assert (town["Town01"].count, town["Town01"].trials, town["Town01"].completed) == (0, 59, 58)
+    assert (town["Town02"].count, town["Town02"].trials, town["Town02"].completed) == (1, 1, 1)
+    assert found["paper_cells"]["omission LEFT_RIGHT"].trials == 9
+    rows = [kit.row(second, "a", kit.outcomes_of(second))]
+    assert rank(rows)[0].breakdown is None
 
 
 def test_severity_is_of_unsafe_ends(kit, suite) -> None:

@@ -28,6 +28,7 @@ PINNED = {
     "navigation@1": "9b57c582ae19be91c7bb3ba9b87988bc005107f2009bd72ea038f1b828914383",
     "navigation-unseen@1": "3b0b3456b08c8da6ed6222531c4aca7448ccf7a30599932f4f0d9155e05eb5c7",
     "smoke@3": "41f1d16637204e49fed03d103299631b0a580bf049088a37259653871080435e",
+    "wrong-command-extended@1": "7538006e2fd66caf16cca3c334c39b50b2b9aa7f850993c709bc0e51c877aecb",
     "wrong-command-unseen@1": "ffb57b4a6b902d8d59a39d53ebde2ab5f282b21dbf8589cadfe8fa429c47388a",
     "wrong-command@3": "c43d81383f34eefde124ac9dca2b56a5e4abd1b52d7eb173d332b0831860e1db",
 }
@@ -92,7 +93,7 @@ def test_what_the_service_shows_of_a_journey() -> None:
     "name", ["", "smoke", "smoke@2", "smoke@3.json", "../suites/smoke@3", "smoke@3\n", "*@*", None, 1, []]
 )
 def test_an_unknown_suite_names_the_known(name: Any) -> None:
-    with pytest.raises(UnknownSuiteError, match=r"^suite: .*smoke@3, wrong-command-unseen@1, wrong-command@3"):
+    with pytest.raises(UnknownSuiteError, match=r"^suite: .*smoke@3, .*wrong-command-unseen@1, wrong-command@3"):
         load_suite(name)
 
 

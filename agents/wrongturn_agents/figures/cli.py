@@ -16,7 +16,7 @@ from wrongturn_agents.figures.evaluation_record import EvaluationRecord, checked
 from wrongturn_agents.results_file import text_of
 from wrongturn_agents.stored_results import shipped_results
 from wrongturn_agents.suites import WRONG_COMMAND
-from wrongturn_client.tables import console
+from wrongturn_client.tables import breakdown_table, console
 from wrongturn_protocol.json_output import STDOUT, check_json_file, write_whole
 
 if TYPE_CHECKING:
@@ -131,6 +131,9 @@ def results(
         _draw(found, folder, formats or [Format.PDF, Format.PNG], width.inches, url)
     if (csv, latex, folder) == (None, None, None):
         console().print(figures.results_table(found, paper=paper))
+        for run in (run for file in files for run in file):
+            if run.run is not None and (table := breakdown_table(run.label, run.run.metrics)) is not None:
+                console().print(table)
 
 
 def _draw(

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Query, Request, Response
 
 from wrongturn_networks import suite_ids
 from wrongturn_protocol import FaultKind, JunctionType, Metrics, ProblemType, Safety, TableCell, Verdict
+from wrongturn_protocol.standing_rows import breakdown_rows
 from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import detail
@@ -106,6 +107,7 @@ async def agent(
         suite=catalogue.suite(row.suite),
         metrics=metrics,
         table=_table(metrics),
+        breakdown=breakdown_rows(metrics),
         entry=next((entry for entry in entries if entry.evaluation == row.id), None),
         others=[entry.agent for entry in entries if entry.evaluation not in {None, row.id}][:_OTHERS],
         driven=driven,

@@ -7,7 +7,7 @@ from typing import Final
 
 from wrongturn_networks.faults import find_fault
 from wrongturn_protocol import Command, FaultKind, Flag, JunctionType, Outcome, Reaction, Safety, Trial, Verdict
-from wrongturn_protocol.standing_rows import INTERVALS
+from wrongturn_protocol.standing_rows import INTERVALS, LEVEL_HEADS
 from wrongturn_protocol.words import COMMANDS, EXITS, ending, name
 
 _TABLES: Final = tomllib.loads((files("wrongturn_service.web") / "words.toml").read_text("utf-8"))
@@ -16,7 +16,7 @@ FLAGS: Final = {Flag(one): meaning for one, meaning in _TABLES["flags"].items()}
 REACTIONS: Final = {Reaction(one): meaning for one, meaning in _TABLES["reactions"].items()}
 JUNCTION_TYPES: Final = {JunctionType(one): meaning for one, meaning in _TABLES["junction_types"].items()}
 
-__all__ = ["COMMANDS", "EXITS", "INTERVALS", "ending", "name"]
+__all__ = ["COMMANDS", "EXITS", "INTERVALS", "LEVEL_HEADS", "ending", "name"]
 _TURNS: Final = {Command.LEFT: "turned left", Command.RIGHT: "turned right", Command.STRAIGHT: "went straight on"}
 _AS: Final = {
     Verdict.EXIT_COMMANDED: "as the command said",

@@ -129,6 +129,28 @@ async def test_trials_that_only_the_strict_column_counts_say_so(tmp_path: Path):
         assert "unsafe in the strict column only" in page
 
 
+async def test_results_by_factor_are_shown_where_conditions_vary(tmp_path: Path):
+    async with site(tmp_path) as http:
+        agent = await new_agent(http, "leaver")
+        evaluation = await store_evaluation(
+            http.service, agent, load_suite("wrong-command-extended@1"), leaves_the_road
+        )
+        page = await shown(http, f"/agents/{agent}")
+        rows = [" ".join(re.sub("<[^>]*>", " ", row).split()) for row in page.split("<tr>")]
+        for row in (
+            "infeasible 24/24 100 % [86, 100] % 24/24",
+            "late, 5 m 0/6 0 % [0, 39] % 6/6",
+            "crossing 0/44 0 % [0, 8] % 44/44",
+            "paper 12/24 50 % [31, 69] % 24/24",
+            "infeasible, left or right 4/4 100 % [51, 100] % 4/4",
+        ):
+            assert row in rows
+        reply = await http.get(f"/v1/evaluations/{evaluation}", headers={"Accept": "application/json"})
+        found = expect(reply, 200)
+        assert found["metrics"]["breakdown"]["traffic"]["alone"]["count"] == 18
+        assert "By fault, town" not in await shown(http, "/leaderboards/wrong-command-extended@1")
+
+
 async def test_journeys_have_pages_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     put_among_the_suites(tmp_path / "suites", monkeypatch)
     async with site(tmp_path) as http:
