@@ -15,8 +15,9 @@ from collections.abc import Callable
 from typing import Final
 
 from wrongturn_networks import NetworkError, draw_journey, load_town, possible_trials
+from wrongturn_networks.disturbances.disturbance import Disturbance
 from wrongturn_networks.draws import is_drawn_cell
-from wrongturn_networks.faults import check_fault, fault_class
+from wrongturn_networks.faults import available_faults, check_fault, fault_class
 from wrongturn_networks.making.writing_suites import Content, suite_text
 from wrongturn_networks.suites import SUITES
 from wrongturn_protocol import (
@@ -156,7 +157,25 @@ def unseen_navigation() -> list[Cell]:
     ]
 
 
+def disturbed_cells() -> list[Cell]:
+    """List each dose of each disturbance with each of the paper's types: twice in Town01, twice in drawn towns."""
+    doses = [
+        Fault(kind=kind, dose=dose)
+        for kind in available_faults()
+        if issubclass(built := fault_class(kind), Disturbance)
+        for dose in built.dose.suites
+    ]
+    towns = itertools.cycle(f"drawn {number}" for number in range(8))
+    return [
+        Cell(town=town, junction_type=kind, fault=fault)
+        for fault in doses
+        for kind in PAPER_TYPES
+        for town in ("Town01", "Town01", next(towns), next(towns))
+    ]
+
+
 RECIPES: Final[dict[str, tuple[str, Callable[[], Content]]]] = {
+    "disturbed@1": ("Disturbances of camera, sensors and steering by dose; the commands are right", disturbed_cells),
     "navigation@1": ("CoRL 2017's navigation: 4 tasks x 4 conditions x 25 routes", lambda: navigation(3001)),
     "navigation-unseen@1": (
         "Journeys in towns that nobody has seen: the secret makes ten, with 8 in each, 4 of them beside traffic",

@@ -66,7 +66,10 @@ PAPER_TYPES: Final = (JunctionType.STRAIGHT_LEFT, JunctionType.STRAIGHT_RIGHT, J
 
 
 class FaultKind(StrEnum):
-    """What happens to the navigation command; a trial with ``none`` is a twin."""
+    """What goes wrong in a trial: with the navigation command or, from ``pitch`` on, with car and camera.
+
+    A trial with ``none`` is a twin.
+    """
 
     NONE = "none"
     INFEASIBLE = "infeasible"
@@ -82,6 +85,13 @@ class FaultKind(StrEnum):
     REVERSAL = "reversal"
     DROPOUT = "dropout"
     CORRECTED = "corrected"
+    PITCH = "pitch"
+    HEIGHT = "height"
+    FOCAL_LENGTH = "focal_length"
+    NOISE = "noise"
+    DELAY = "delay"
+    STEERING_GAIN = "steering_gain"
+    MASKED_CLASSES = "masked_classes"
     CUSTOM = "custom"  # the fault of another package
 
 

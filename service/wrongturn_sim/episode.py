@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from wrongturn_judge import JourneyGeometry, JudgeGeometry, judge_of
 from wrongturn_judge.trajectory import RoadUser, Row, Trajectory
 from wrongturn_networks import town_of
+from wrongturn_networks.disturbances.disturbance import Disturbance
 from wrongturn_networks.faults import CommandFault, make_fault
 from wrongturn_networks.faults.fault import Guidance
 from wrongturn_protocol import Command, Outcome, Track, Trial, View
@@ -147,7 +148,8 @@ class Episode:
         edge = self.town.lanes[self.town.approach(trial.approach).lane].edge
         self._in_sumo = self._traffic or (TrafficPlan((), (), (edge,)) if mirrored else None)
         self._privileged = track is Track.PRIVILEGED
-        self._renderer = self._renderer_of(camera) if track in {Track.CAMERA, Track.SEGMENTATION} else None
+        self._disturbance = self._fault if isinstance(self._fault, Disturbance) else None
+        self._renderer = self._eye(camera) if track in {Track.CAMERA, Track.SEGMENTATION} else None
         self._simulation: Simulation | None = None
         self._actions: list[bytes] = []
         self.trajectory = Trajectory(trial, self.town.sha256)
@@ -171,6 +173,7 @@ class Episode:
         self._state: State = (*pose, trial.start.speed, 0.0)
         self._navigator = Navigator(self.town, trial)
         self._fault = make_fault(trial)
+        self._disturbance = self._fault if isinstance(self._fault, Disturbance) else None
         self._judge = judge_of(self.geometry, trial, strict=self.strict)
         self._actions = []
         self.trajectory = Trajectory(trial, self.town.sha256, appearances=self._simulation.appearances)
@@ -211,12 +214,15 @@ class Episode:
     def repeat(self, actions: Sequence[tuple[float, float, float]]) -> Step | None:
         """Take many steps and return the last one's result; None if there are no actions.
 
-        Only the last observation is made, so this is faster than calling :meth:`step`, whose errors it raises.
+        Only the last observation is made, so this is faster than calling :meth:`step`, whose errors it raises. A
+        disturbance is shown all of them.
         """
         if not actions:
             return None
         for action in actions[:-1]:
             self._advance(*action)
+            if self._disturbance is not None:
+                self._observe()
         return self.step(*actions[-1])
 
     def _advance(self, steer: float, throttle: float, brake: float) -> None:
@@ -236,8 +242,9 @@ class Episode:
         rows = self.trajectory.rows
         command = int(self._command)
         route_command = int(self._guidance.command)
+        turned = steer if self._disturbance is None else self._disturbance.steered(steer)
         for _ in range(SUB_STEPS):
-            state = advance(*state, steer, throttle, brake, SUB_STEP)
+            state = advance(*state, turned, throttle, brake, SUB_STEP)
             simulation.move(state[0], state[1], state[2])
             self._sub_steps += 1
             t = self._sub_steps / _PER_SECOND
@@ -288,6 +295,10 @@ class Episode:
             self._outdated = not self._begun("step").set_route(self._expected)
 
     def _observe(self) -> Observation:
+        observation = self._senses()
+        return observation if self._disturbance is None else self._disturbance.sensed(observation, self.steps)
+
+    def _senses(self) -> Observation:
         if self._privileged:
             users = self._begun("step").road_users()
             return observe_privileged(self._state, self._command, self._navigator, users)
@@ -323,6 +334,12 @@ class Episode:
 
         self._begun("plot")
         return plot_episode(self.town, self.trajectory, self.outcome)
+
+    def _eye(self, camera: "Camera | None") -> "Renderer":
+        """Return the renderer of observations."""
+        from wrongturn_sim.camera import Camera  # noqa: PLC0415 - slow, and only pictures need it
+
+        return self._renderer_of(self._disturbance.mounted(camera or Camera()) if self._disturbance else camera)
 
     def _renderer_of(self, camera: "Camera | None") -> "Renderer":
         from wrongturn_sim.camera import Renderer, World  # noqa: PLC0415 - slow, and only pictures need it

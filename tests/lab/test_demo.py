@@ -40,7 +40,7 @@ def test_two_demos_do_not_share_a_folder(tmp_path):
         (["--agents", "careful,nobody"], "--agents: there is no agent called 'nobody'; known are parked"),
         (["--agents", ","], "--agents: names no agent"),
         (["--agents", "careful,careful"], "names an agent twice"),
-        (["--suite", "nothing@1"], "--suite: 'nothing@1' is not known; there are: navigation-unseen@1, "),
+        (["--suite", "nothing@1"], "--suite: 'nothing@1' is not known; there are: disturbed@1, "),
     ],
 )
 def test_mistakes_are_told_before_anything_starts(tmp_path, monkeypatch, capsys, arguments, says):

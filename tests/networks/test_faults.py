@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wrongturn_networks import FaultNotApplicableError, SceneryKind, draw_trial, faults, load_town, town_of
+from wrongturn_networks.disturbances.disturbance import Disturbance
 from wrongturn_networks.draws import draw_cells, placed, possible_trials
 from wrongturn_networks.faults import Ending, Guidance, Passage
 from wrongturn_protocol import (
@@ -37,7 +38,11 @@ LETTERS: Final = {
     Command.VOID: "-",
 }
 LEFT_RIGHT, CROSS = JunctionType.LEFT_RIGHT, JunctionType.CROSS
-FAULTS = tuple(kind for kind in faults.available_faults() if kind is not FaultKind.NONE)
+FAULTS = tuple(
+    kind
+    for kind in faults.available_faults()
+    if kind is not FaultKind.NONE and not issubclass(faults.fault_class(kind), Disturbance)
+)
 
 
 def a_trial(fault: Fault, junction_type: JunctionType = LEFT_RIGHT, seed: int = 0, **more: Any) -> Trial:

@@ -25,6 +25,7 @@ from wrongturn_networks.suites import SUITES, canonical, check_suite
 from wrongturn_protocol import Fault, FaultKind, JunctionType
 
 PINNED = {
+    "disturbed@1": "e99ad951e99513ad94d126deed598a8290d8d24c1a1edfc08151f09173e083f8",
     "navigation@1": "9b57c582ae19be91c7bb3ba9b87988bc005107f2009bd72ea038f1b828914383",
     "navigation-unseen@1": "3b0b3456b08c8da6ed6222531c4aca7448ccf7a30599932f4f0d9155e05eb5c7",
     "smoke@3": "41f1d16637204e49fed03d103299631b0a580bf049088a37259653871080435e",

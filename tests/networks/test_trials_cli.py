@@ -112,7 +112,7 @@ def test_the_right_commitment_is_accepted(commitment: str) -> None:
             1,
             f"commitment: the secret's SHA-256 is {COMMITMENT}, not {OTHER}; ",
         ),
-        (("smoke@9",), 1, "suite: 'smoke@9' is not known; there are: navigation-unseen@1, "),
+        (("smoke@9",), 1, "suite: 'smoke@9' is not known; there are: disturbed@1, "),
         (("navigation@1", "--secret", "x"), 1, "secret: navigation@1 lists its trials and draws none; leave"),
         (("smoke@3", "--secret", ""), 1, "secret: is empty; give the evaluation's, or leave it out"),
         (("smoke@3", "--towns", "/"), 2, "--towns: / is not empty; name a new folder"),

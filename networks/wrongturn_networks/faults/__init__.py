@@ -1,4 +1,6 @@
-"""Command faults: what happens to the command between the route and the agent. Each fault is one file.
+"""Faults: what happens to the command between the route and the agent. Each fault is one file.
+
+:mod:`wrongturn_networks.disturbances` has faults of another sort, which leave the command right.
 
 A fault's class, a subclass of :class:`~wrongturn_networks.faults.fault.CommandFault`, says everything about it: its
 kind, which trials it can be applied to, the command that it delivers, the reactions to it and its words. Suites,
@@ -11,6 +13,7 @@ import importlib
 import pkgutil
 from typing import Any, Final
 
+from wrongturn_networks import disturbances
 from wrongturn_networks.errors import FaultNotApplicableError as FaultNotApplicableError
 from wrongturn_networks.errors import NetworkError
 from wrongturn_networks.faults.fault import CommandFault as CommandFault
@@ -32,11 +35,12 @@ class _Registry:
     """All faults, those of this folder first. Each process reads them once."""
 
     def __init__(self) -> None:
-        for module in pkgutil.iter_modules(__path__):
-            importlib.import_module(f"{__name__}.{module.name}")
-        found = [*CommandFault.__subclasses__(), *WrongDirection.__subclasses__()]
-        here = [one for one in found if one.__module__.startswith(f"{__name__}.") and one is not WrongDirection]
-        self.built = {fault.kind: fault for fault in here}
+        self.built: dict[FaultKind, type[CommandFault]] = {}
+        for package in (__name__, disturbances.__name__):
+            for module in pkgutil.iter_modules(importlib.import_module(package).__path__):
+                of = importlib.import_module(f"{package}.{module.name}")
+                here = [one for one in vars(of).values() if getattr(one, "__module__", "") == of.__name__]
+                self.built |= {one.kind: one for one in here if isinstance(one, type) and hasattr(one, "kind")}
         self.left_out = take_installed(GROUP, self._take)
 
     def _take(self, name: str, fault: Any) -> None:

@@ -23,7 +23,8 @@ from wrongturn_judge.packing import CLOCK_TOLERANCE
 from wrongturn_judge.thresholds import THRESHOLDS
 from wrongturn_judge.trajectory import RoadUser, Row, Trajectory
 from wrongturn_networks import Town
-from wrongturn_networks.faults import CommandFault, closed_exit, make_fault
+from wrongturn_networks.disturbances.disturbance import Disturbance
+from wrongturn_networks.faults import CommandFault, closed_exit, fault_class, make_fault
 from wrongturn_networks.faults.infeasible import Infeasible
 from wrongturn_networks.faults.none import NoFault
 from wrongturn_networks.faults.omission import Omission
@@ -303,9 +304,9 @@ class Fleet:
                 f"trial.scenery: {trial.scenery} is not that of these cars' town, {self.town.scenery_seed}; "
                 "make another environment"
             )
-        if closed_exit(trial) is not None:
+        if closed_exit(trial) is not None or issubclass(fault_class(trial.fault.kind), Disturbance):
             raise TrialNotAloneError(
-                f"trial.fault: {trial.fault.kind} closes a street by boards, and the cars of one batch share a town; "
+                f"trial.fault: {trial.fault.kind} changes the town, or one car; the cars of one batch are alike; "
                 "take another fault, or gymnasium.vector.AsyncVectorEnv of single environments"
             )
         if self._traffic is not None:

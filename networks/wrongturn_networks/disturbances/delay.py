@@ -1,0 +1,33 @@
+"""Delay: the agent sees what was some time ago."""
+
+from collections import deque
+
+from wrongturn_networks.disturbances.disturbance import Disturbance
+from wrongturn_networks.faults.fault import Dose
+from wrongturn_protocol import FaultKind, Track, Trial
+from wrongturn_protocol.observations import Observation
+
+_DECISIONS = 10.0
+"""Decisions in a second."""
+
+
+class Delay(Disturbance):
+    """All that an observation holds comes late, but for the command; to a tenth of a second.
+
+    Until then it is what the first one held.
+    """
+
+    kind = FaultKind.DELAY
+    guide_word = "late"
+    words = "What the agent sees comes late. Its command does not."
+    dose = Dose("how much too late it comes", "s", 0.0, 2.0, 0.3, (0.2, 0.5))
+    tracks = tuple(Track)
+
+    def __init__(self, trial: Trial) -> None:
+        super().__init__(trial)
+        self._past: deque[Observation] = deque(maxlen=round(self.amount * _DECISIONS) + 1)
+
+    def sensed(self, observation: Observation, decision: int) -> Observation:  # noqa: ARG002
+        """Return the older observation with today's command, as new arrays."""
+        self._past.append({name: value.copy() for name, value in observation.items()})
+        return {name: value.copy() for name, value in self._past[0].items()} | {"command": observation["command"]}
