@@ -39,7 +39,8 @@ TRAFFIC: Final = {"Town01": Traffic(vehicles=20, pedestrians=50), "Town02": Traf
 """Other road users of dynamic navigation (CoRL 2017)."""
 CONDITIONS: Final = tuple(itertools.product(TRAFFIC, (TRAINING_WEATHERS, NEW_WEATHERS)))
 """Town and weathers: training, new weather, new town, new weather and town."""
-FAULTS: Final = tuple(kind for kind in FaultKind if kind not in {FaultKind.NONE, FaultKind.CUSTOM})
+DISTURBANCES: Final = tuple(kind for kind in available_faults() if issubclass(fault_class(kind), Disturbance))
+FAULTS: Final = tuple(kind for kind in available_faults() if kind not in {FaultKind.NONE, *DISTURBANCES})
 SETTINGS: Final = tuple(itertools.product((TRAINING_WEATHERS, NEW_WEATHERS), (False, True)))
 """Weathers, and whether beside traffic: the settings in which the extended suite has each fault."""
 EXTENDED_TOWNS: Final = 16
@@ -109,8 +110,7 @@ def extended_cells() -> list[Cell]:
 def _extended(number: int, part: int) -> list[Cell]:
     """Return the cells of a fault in a setting, one for each type of junction that it can be applied to."""
     weathers, beside = SETTINGS[part]
-    dose = fault_class(FAULTS[number]).dose
-    doses = (None,) if dose is None else dose.suites
+    doses = doses_of(FAULTS[number])
 
     def cell(place: int, shift: int) -> Cell:
         kind, turn = tuple(JunctionType)[place], place + part + number
@@ -129,6 +129,12 @@ def _extended(number: int, part: int) -> list[Cell]:
     # Some faults need a longer lane than a type has in a town: then all towns change places.
     shifts = ([cell(place, shift) for place in types] for shift in range(3))
     return next(cells for cells in shifts if all(map(_applies, cells)))
+
+
+def doses_of(kind: FaultKind) -> tuple[float | None, ...]:
+    """Return the doses of a fault that suites use."""
+    dose = fault_class(kind).dose
+    return (None,) if dose is None else dose.suites
 
 
 def _applies(cell: Cell) -> bool:
@@ -159,12 +165,7 @@ def unseen_navigation() -> list[Cell]:
 
 def disturbed_cells() -> list[Cell]:
     """List each dose of each disturbance with each of the paper's types: twice in Town01, twice in drawn towns."""
-    doses = [
-        Fault(kind=kind, dose=dose)
-        for kind in available_faults()
-        if issubclass(built := fault_class(kind), Disturbance)
-        for dose in built.dose.suites
-    ]
+    doses = [Fault(kind=kind, dose=dose) for kind in DISTURBANCES for dose in doses_of(kind)]
     towns = itertools.cycle(f"drawn {number}" for number in range(8))
     return [
         Cell(town=town, junction_type=kind, fault=fault)
