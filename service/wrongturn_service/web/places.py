@@ -11,7 +11,7 @@ from fastapi import APIRouter, Query, Request, Response
 from wrongturn_networks import Suite, load_suite, suite_ids
 from wrongturn_networks.catalogue import list_suites, list_towns
 from wrongturn_networks.draws import is_drawn_cell
-from wrongturn_protocol import Cell, Command, Condition, FaultKind, JunctionType, Task, Trial
+from wrongturn_protocol import Cell, Command, Condition, Fault, FaultKind, JunctionType, Task, Trial
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import ServiceDep
 from wrongturn_service.settings import Registration
@@ -28,7 +28,7 @@ class Stratum(NamedTuple):
     town: str
     what: JunctionType | Task
     """Type of the junctions; the task of journeys."""
-    how: FaultKind | Condition
+    how: Fault | Condition
     """The fault; the condition of journeys."""
     weather: str
     traffic: str
@@ -77,20 +77,20 @@ async def submit(
     )
 
 
-DRAWN: Final = "ten of its own"
+DRAWN: Final = "of its own"
 """What stands for the towns that each evaluation has of its own."""
 
 
 def strata(items: Iterable[Cell | Trial]) -> list[Stratum]:
     """Count what is alike, in the order of the suite."""
-    alike: Counter[tuple[str, JunctionType | Task, FaultKind | Condition, str, str]] = Counter()
+    alike: Counter[tuple[str, JunctionType | Task, Fault | Condition, str, str]] = Counter()
     for item in items:
         traffic = item.traffic
         others = f"{traffic.vehicles} cars, {traffic.pedestrians} pedestrians" if traffic.vehicles else "none"
         task = item.task if isinstance(item, Cell) else item.journey and item.journey.task
         what = task or item.junction_type
         assert what is not None
-        how = item.fault.kind if task is None else Condition.of(item.town, item.weather)
+        how = item.fault if task is None else Condition.of(item.town, item.weather)
         town = DRAWN if isinstance(item, Cell) and is_drawn_cell(item) else item.town
         alike[town, what, how, item.weather.value, others] += 1
     return [Stratum(*key, count) for key, count in alike.items()]

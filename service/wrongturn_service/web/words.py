@@ -6,7 +6,7 @@ from importlib.resources import files
 from typing import Final
 
 from wrongturn_networks.faults import find_fault
-from wrongturn_protocol import Command, FaultKind, Flag, JunctionType, Outcome, Reaction, Safety, Trial, Verdict
+from wrongturn_protocol import Command, Fault, FaultKind, Flag, JunctionType, Outcome, Reaction, Safety, Trial, Verdict
 from wrongturn_protocol.standing_rows import INTERVALS, LEVEL_HEADS
 from wrongturn_protocol.words import COMMANDS, EXITS, ending, name
 
@@ -48,10 +48,12 @@ def told(trial: Trial) -> str:
     return fault(trial.fault.kind) if built is None else built.told(trial, COMMANDS.__getitem__)
 
 
-def fault(kind: str) -> str:
-    """Return what a fault does to the command, as a sentence; its name for one that is not built."""
+def fault(kind: str, given: Fault | None = None) -> str:
+    """Return what a fault does to the command, and the given dose; its name for one that is not built."""
     built = find_fault(FaultKind(kind)) if kind in set(FaultKind) else None
-    return f"The fault {name(kind)}." if built is None else built.words
+    if built is None:
+        return f"The fault {name(kind)}."
+    return built.words + (built.measured(given) if given is not None and given.dose is not None else "")
 
 
 def ended(outcome: Outcome) -> str:

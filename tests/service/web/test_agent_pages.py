@@ -148,6 +148,7 @@ async def test_results_by_factor_are_shown_where_conditions_vary(tmp_path: Path)
         reply = await http.get(f"/v1/evaluations/{evaluation}", headers={"Accept": "application/json"})
         found = expect(reply, 200)
         assert found["metrics"]["breakdown"]["traffic"]["alone"]["count"] == 18
+        assert "How much too late it comes: 5 m." in await shown(http, "/suites/wrong-command-extended@1")
         assert "By fault, town" not in await shown(http, "/leaderboards/wrong-command-extended@1")
 
 
