@@ -150,7 +150,7 @@ def _run_of(source: str, url: str | None) -> RunFile:
     """Return the run in a file, or a finished evaluation of a service."""
     if Path(source).exists():
         return RunFile.read(Path(source))
-    with Client(url, "", patience=0) as client:
+    with Client(url, patience=0) as client:
         return client.run_file(source)
 
 

@@ -184,7 +184,7 @@ COMPLIED = {"count": 3, "trials": 5, "rate": 0.6, "ci95": [0.2, 0.9]}
         ({}, ["9/10", "\nunsafe beyond the twins: +20 points, 95 % [+10, +30], p = 0.0005"]),
         ({"table_strict": {"CROSS": {"stuck": {"unsafe": 1, "trials": 2}}}}, ["crossing", "stuck", "1/2"]),
         ({"table": {}, "table_strict": None}, ["infeasible", "–"]),
-        ({"compliance": {**COMPLIED, "faults": {"stuck": COMPLIED}}}, ["complied with 3 of 5", "doubt: stuck 3/5"]),
+        ({"compliance": {**COMPLIED, "faults": {"stuck": COMPLIED}}}, ["complied with 3 of 5", "commands: stuck 3/5"]),
     ],
 )
 def test_an_evaluation_has_the_same_layout(change: dict[str, Any], seen: list[str]) -> None:
