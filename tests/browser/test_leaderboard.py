@@ -132,7 +132,8 @@ def test_the_address_of_the_service_shows_the_unseen_towns_and_leads_to_the_pape
     assert "nobody has seen" in page.inner_text("h1")
     accessible(page)
     assert page.locator("tbody.paper").count() == 0
-    boards = ["wrong-command-unseen@1", "navigation-unseen@1", "wrong-command@3", "navigation@1", "smoke@3"]
+    boards = ["wrong-command-unseen@1", "disturbed@1", "wrong-command-extended@1", "navigation-unseen@1"]
+    boards += ["wrong-command@3", "navigation@1", "smoke@3"]
     assert page.locator("ul.boards a").all_inner_texts() == boards
     page.get_by_role("link", name="paper").click()
     # The paper's agents stand there as a reference.

@@ -103,10 +103,10 @@ def _render(
     )
 
 
-def _place(board: LeaderboardSummary) -> tuple[bool, bool, bool, str]:
-    """Return what orders the list of leaderboards: unseen towns, then the paper's suites, then others."""
+def _place(board: LeaderboardSummary) -> tuple[bool, bool, bool, bool, str]:
+    """Return what orders the list of leaderboards: the first one, unseen towns, the paper's suites, then others."""
     suite = load_suite(board.suite)
-    return not suite.makes_towns, not of_paper(board.suite), suite.of_journeys, board.suite
+    return board.suite != FIRST, not suite.makes_towns, not of_paper(board.suite), suite.of_journeys, board.suite
 
 
 def _word(path: str, name: str, words: type[_Word]) -> _Word | None:
