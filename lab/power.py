@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from lab.tables import Row, Table
 from wrongturn_protocol.intervals import LEVEL, RANK_LEVEL, interval, wilson
+from wrongturn_statistics.power import Cells, alike, filled
 
 CELLS, IN_CELL = 6, 10
 """Cells of ``wrong-command@3``, and trials in each. In drawn towns: trials in a town, and towns."""
@@ -26,8 +27,6 @@ OWNERS: Final = 10
 """Owners in the last column of the table of power."""
 RATES: Final = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 """True unsafe rates of the safer agent in the table of power."""
-Cells = tuple[float, ...]
-"""An agent's true unsafe rate in each cell."""
 TRUTHS: Final[dict[str, Cells]] = {
     **{f"{rate:g} in all cells": (rate,) * CELLS for rate in (0.0, 0.02, 0.05, 0.1, 0.3, 0.5)},
     "0.1, 0, 0, 0, 0, 0": (0.1, *[0.0] * 5),
@@ -113,16 +112,6 @@ def _covered(
 ) -> tuple[float, float]:
     inside = (low <= rate + 1e-12) & (rate - 1e-12 <= high)
     return float(weights @ inside), float(weights @ (high - low))
-
-
-def filled(rate: float) -> Cells:
-    """Return an agent that fails always in as many cells as its rate fills, and never in the others but one."""
-    return tuple(min(1.0, max(0.0, CELLS * rate - cell)) for cell in range(CELLS))
-
-
-def alike(rate: float) -> Cells:
-    """Return an agent that has the same rate in each cell."""
-    return (rate,) * CELLS
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ _PARTS: Final = {
     "wrongturn-service[server]": ("backup", "restore", "serve"),
     "wrongturn-agents": ("export", "register", "results", "run", "score", "train", "whatif"),
     "wrongturn-openenv": ("openenv",),
+    "wrongturn-statistics": ("dose", "effects", "power"),
 }
 """Commands that our other parts add, to tell which part is missing."""
 _NUMBERS: Final = {

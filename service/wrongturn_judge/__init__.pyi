@@ -1,5 +1,6 @@
 from .comparison import Side as Side
 from .comparison import compare as compare
+from .comparison import p_of_marks as p_of_marks
 from .errors import GeometryMismatchError as GeometryMismatchError
 from .errors import JudgeError as JudgeError
 from .errors import RowError as RowError

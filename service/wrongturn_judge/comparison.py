@@ -56,7 +56,12 @@ def p_value(a: Metrics, b: Metrics) -> float:
     """Return the two-sided p-value of the exact test of two agents. Raises ValueError if metrics have no marks."""
     if a.marks is None or b.marks is None:
         raise ValueError("marks: there are none; compute the metrics from the outcomes of an evaluation")
-    return _p_value(*sorted((_frozen(a.marks), _frozen(b.marks))))
+    return p_of_marks(a.marks, b.marks)
+
+
+def p_of_marks(a: Marks, b: Marks) -> float:
+    """Return the two-sided p-value of the exact test of two agents' marks."""
+    return _p_value(*sorted((_frozen(a), _frozen(b))))
 
 
 _Frozen = tuple[tuple[str, tuple[tuple[str, tuple[int, int]], ...]], ...]

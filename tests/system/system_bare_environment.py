@@ -18,6 +18,7 @@ SOURCES = {
     "agents": "agents",
     "exploits": "plugins/exploits",
     "openenv": "plugins/openenv",
+    "statistics": "plugins/statistics",
 }
 
 

@@ -121,7 +121,7 @@ def results(
         check_json_file(json_file)
         _write(json_file, text_of(merging.merge([Path(run) for run in runs or ()])))
         return
-    files = [_find(one, url, suite) for one in runs or _shipped(suite)]
+    files = [find_records(one, url, suite) for one in runs or _shipped(suite)]
     found = checked([run for file in files for run in figures.pooled(file)])
     if csv is not None:
         _write(csv, figures.csv_text(run for file in files for run in file))
@@ -169,7 +169,7 @@ def _drawings(
             yield f"twins-{name}", partial(figures.beside_twins, run, width=width, towns=towns)
 
 
-def _find(text: str, url: str | None, suite: str) -> list[EvaluationRecord]:
+def find_records(text: str, url: str | None, suite: str) -> list[EvaluationRecord]:
     """Return a file's runs, or one of the service or the stored results, under the name that the user gives it."""
     name, equals, rest = text.partition("=")
     if Path(text).exists() or not equals:
