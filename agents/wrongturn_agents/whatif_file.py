@@ -3,15 +3,13 @@
 from pathlib import Path
 from typing import Annotated, Final, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from wrongturn_agents.errors import RunError
+from wrongturn_agents.json_file import resume
 from wrongturn_protocol import Command, Outcome, Verdict
-from wrongturn_protocol.run_file import UNREADABLE, read_unpacked, reason_of
 
 STEP_S: Final = 0.1
 """Seconds between two decisions."""
-_REMEDY: Final = "name a new file, or the file of the sweep to resume"
 
 
 class _Values(BaseModel):
@@ -88,17 +86,7 @@ class SweepFile(_Values):
 
         Raises RunError if the file cannot be read, or is of another sweep.
         """
-        if file is None or not file.exists():
-            return self
-        try:
-            found = self.model_validate_json(read_unpacked(file))
-        except UNREADABLE as error:
-            raise RunError(f"--json: {file} cannot be read ({reason_of(error)}); {_REMEDY}") from error
-        except ValidationError as error:
-            raise RunError(f"--json: {file} is no file of a sweep; {_REMEDY}") from error
-        if found.model_copy(update={"trials": {}}) != self:
-            raise RunError(f"--json: {file} is of another sweep; {_REMEDY}")
-        return found
+        return resume(self, file, {"trials": {}})
 
     def text(self) -> str:
         """Return the file's JSON."""

@@ -185,7 +185,7 @@ def test_the_command(run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
     file.unlink()
     whatif("--sweep", "--all", "--json", str(file), source="ev_1a2b")
     assert (asked, json.loads(file.read_bytes())) == (["ev_1a2b"], json.loads(whole))
-    assert "is of another sweep" in whatif("--sweep", "--all", "--every", "1", "--json", str(file), code=1)
+    assert "is of another run" in whatif("--sweep", "--all", "--every", "1", "--json", str(file), code=1)
 
     last = swept[trial].no_return_s
     assert last is not None

@@ -110,9 +110,10 @@ def sentence(file: DoseFile) -> str:
             return f"D50 is not {of}, as it seems: it lies {way} {bound:.3g}{unit} (97.5 %)."
         which = "No dose" if file.side == "harder" else "Every dose"
         return f"{which} {of} makes half of the trials {file.counted}{'' if file.side == 'harder' else ', or more'}."
-    ends = f"{f'below {file.low:g}' if low is None else f'{low:.3g}'} to {f'above {file.high:g}' if high is None else f'{high:.3g}'}"
+    from_ = f"below {file.low:g}" if low is None else f"{low:.3g}"
+    to = f"above {file.high:g}" if high is None else f"{high:.3g}"
     wide, narrow, widest = (f"{file.width[name]:.2g}" for name in ("value", "low", "high"))
     return (
-        f"D50: half of the trials are {file.counted} at {value:.3g}{unit} (95 %: {ends}). "
+        f"D50: half of the trials are {file.counted} at {value:.3g}{unit} (95 %: {from_} to {to}). "
         f"From 10 to 90 % it takes {wide}{unit} ({narrow} to {widest})."
     )

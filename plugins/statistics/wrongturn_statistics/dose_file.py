@@ -1,17 +1,15 @@
 """The file of ``wrongturn dose``: each trial with its dose, and what they say of D50."""
 
 from pathlib import Path
-from typing import Final, Literal, Self
+from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
-from wrongturn_agents.errors import RunError
+from wrongturn_agents.json_file import resume
 from wrongturn_protocol import FaultKind, JunctionType, Verdict
-from wrongturn_protocol.run_file import UNREADABLE, read_unpacked, reason_of
 
 Estimate = dict[Literal["value", "low", "high"], float | None]
 """A number and its 95 % interval. None: outside the range of doses."""
-_REMEDY: Final = "name a new file, or the file of the run to resume"
 
 
 class _Values(BaseModel):
@@ -56,17 +54,7 @@ class DoseFile(_Values):
 
         Raises RunError if the file cannot be read, or is of another run.
         """
-        if file is None or not file.exists():
-            return self
-        try:
-            found = self.model_validate_json(read_unpacked(file))
-        except UNREADABLE as error:
-            raise RunError(f"--json: {file} cannot be read ({reason_of(error)}); {_REMEDY}") from error
-        except ValidationError as error:
-            raise RunError(f"--json: {file} is no file of 'wrongturn dose'; {_REMEDY}") from error
-        if found.model_copy(update={"trials": (), "d50": None, "side": None, "width": None}) != self:
-            raise RunError(f"--json: {file} is of another run; {_REMEDY}")
-        return found
+        return resume(self, file, {"trials": (), "d50": None, "side": None, "width": None})
 
     def text(self) -> str:
         """Return the file's JSON."""
