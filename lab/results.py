@@ -19,7 +19,7 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from lab import cards, curves, doubting, endings, films, order, redraws, studies, tables, unseen
+from lab import cards, curves, doubting, endings, faults, films, order, redraws, studies, tables, unseen
 from lab.stored_results import Collection, StoredResults
 from lab.tables import OutdatedPageError
 from wrongturn_agents.errors import AgentsError, ResultsError
@@ -41,6 +41,9 @@ def sections(collection: Collection) -> Sections:
     return {
         "summary": partial(unseen.summary_table, collection),
         "unseen": unseen.unseen_table,
+        "faults": faults.faults_table,
+        "conditions": faults.conditions_table,
+        "doses": faults.doses_table,
         "navigation": partial(tables.navigation_table, collection),
         "traffic": partial(tables.traffic_table, collection),
         "wrong-command": partial(tables.wrong_command_table, collection),
