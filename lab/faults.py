@@ -3,10 +3,11 @@
 An evaluation's metrics are stored, with the secret from which ``wrongturn trials`` makes its trials again. Practice on
 the open draw of ``disturbed@1`` is stored as the counts of each dose.
 
-    python -m lab.faults                   # draw docs/pictures/figures/faults.png
+    python -m lab.faults                   # draw faults, late and no-return in docs/pictures/figures
     python -m lab.faults FILE ...          # store files of wrongturn run --json
 """
 
+import itertools
 import json
 import sys
 from collections.abc import Mapping
@@ -130,7 +131,57 @@ def draw() -> None:
     figure.savefig(FIGURE)
 
 
+def draw_late() -> None:
+    """Draw the share of unsafe trials by dose of ``late``, with D50: of files of ``wrongturn dose --json``."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 3.2), layout="constrained", dpi=140)
+    axes = figure.add_subplot()
+    for number, file in enumerate(sorted(FOLDER.glob("*.late.json"))):
+        found = json.loads(file.read_bytes())
+        doses = np.array([one["dose"] for one in found["trials"]])
+        failed = np.array([one["failed"] for one in found["trials"]], float)
+        edges = np.arange(0.0, 32.5, 2.5)
+        for low, high in itertools.pairwise(edges):
+            within = (doses > low) & (doses <= high)
+            if within.any():
+                axes.scatter(doses[within].mean(), failed[within].mean(), 14 * within.sum(), f"C{number}", alpha=0.6)
+        d50 = found["d50"]
+        axes.errorbar(
+            d50["value"], 0.5 + 0.03 * number, xerr=[[d50["value"] - d50["low"]], [d50["high"] - d50["value"]]],
+            fmt="D", color=f"C{number}", capsize=4, label=f"{found['agent']}: D50 {d50['value']:.1f} m",
+        )  # fmt: skip
+    axes.set(xlabel="how much too late the command comes, m", ylabel="share of unsafe trials", xlim=(0, 31))
+    axes.legend(loc="upper left", fontsize=8)
+    axes.set_title("Late commands at junctions without a road ahead; 60 trials each", fontsize=10)
+    figure.savefig(FIGURE.with_name("late.png"))
+
+
+def draw_no_return() -> None:
+    """Draw for how many unsafe trials the right command still helps, by the time to the verdict."""
+    from matplotlib.figure import Figure
+
+    found = json.loads((FOLDER / "ppo-segmentation.no-return.json").read_bytes())
+    gaps = [
+        one["verdict_s"] - one["no_return_s"] if one["no_return_s"] is not None else np.inf
+        for one in found["trials"].values()
+    ]
+    figure = Figure(figsize=(6.4, 3.0), layout="constrained", dpi=140)
+    axes = figure.add_subplot()
+    times = np.linspace(0.0, 8.0, 161)
+    axes.plot(times, [100 * np.mean([gap <= time for gap in gaps]) for time in times], color="C3", lw=2)
+    axes.invert_xaxis()
+    axes.set(
+        xlabel="the right command comes this long before the verdict, s", ylabel="unsafe trials saved, %", ylim=(0, 101)
+    )
+    axes.set_title(f"{found['agent']}: had the command been right from then on", fontsize=10)
+    axes.grid(alpha=0.3)
+    figure.savefig(FIGURE.with_name("no-return.png"))
+
+
 if __name__ == "__main__":
     for given in sys.argv[1:]:
         print(store(Path(given)))
     draw()
+    draw_late()
+    draw_no_return()
