@@ -37,14 +37,14 @@ def store(file: Path) -> Path:
     FOLDER.mkdir(parents=True, exist_ok=True)
     try:
         run = UnseenResults.of(RunFile.read(file))
-        path, text = FOLDER / f"{run.agent}.{run.suite}.json", run.model_dump_json(indent=1)
+        path, text = FOLDER / f"{run.agent}.{run.suite}.json", run.model_dump_json()
     except RunFormatError:
         results = ResultsFile.read(file)
         path = FOLDER / f"{results.agent}.{results.suite}.json"
         drawn, found = load_suite(results.suite).draw(results.secret or results.suite), results.trials
         parts = breakdown((one, found[one.id].unsafe_strict, found[twin_id(one)].completed) for one in drawn.trials)
         doses = {level: [count.count, count.trials] for level, count in (parts or {})["dose"].items()}
-        text = json.dumps({"suite_sha256": results.suite_sha256, "twins": _twins(results), "doses": doses}, indent=1)
+        text = json.dumps({"suite_sha256": results.suite_sha256, "twins": _twins(results), "doses": doses})
     path.write_text(text + "\n", "utf-8")
     return path
 
