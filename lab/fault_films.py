@@ -13,16 +13,14 @@ from typing import Final
 import cv2
 import numpy as np
 
+from lab.films import drive_trial
 from lab.in_process import DrivenEpisode
-from wrongturn_agents import resolve
-from wrongturn_client.episode_calls import action_of
 from wrongturn_networks import NetworkError, draw_trial, load_town
 from wrongturn_networks.faults import available_faults, check_fault, fault_class
-from wrongturn_protocol import Command, FaultKind, Track, Trial, View
-from wrongturn_protocol.observations import observation_space
+from wrongturn_protocol import Command, FaultKind, Trial, View
 from wrongturn_protocol.words import COMMANDS
 from wrongturn_service.web import words
-from wrongturn_sim import Episode, Replay
+from wrongturn_sim import Replay
 from wrongturn_sim.view.film import write_film
 from wrongturn_sim.view.window import Image
 
@@ -57,22 +55,11 @@ def trials_of(kind: FaultKind) -> Iterator[Trial]:
             break
 
 
-def drive(trial: Trial) -> DrivenEpisode:
-    """Drive a trial in this process."""
-    agent, episode = resolve(AGENT).make(), Episode(trial, Track.SEGMENTATION)
-    observation = episode.reset()
-    agent.reset(observation_space(Track.SEGMENTATION))
-    while episode.outcome is None:
-        action = action_of(agent.act(observation))
-        observation = episode.step(action.steer, action.throttle, action.brake).observation
-    return DrivenEpisode(trial, episode.trajectory, episode.outcome)
-
-
 def telling(kind: FaultKind) -> DrivenEpisode:
     """Return the first drive with a wrong end: unsafe, or by another exit than the route's; else the first."""
     driven = []
     for trial in trials_of(kind):
-        driven.append(drive(trial))
+        driven.append(drive_trial(AGENT, trial))
         outcome = driven[-1].outcome
         assert outcome is not None  # each drive ends with its verdict
         if outcome.unsafe_strict or (outcome.verdict.exited and outcome.exit is not trial.route):

@@ -399,7 +399,7 @@ def film_journeys(name: str, trials: Sequence[Trial] = (), folder: Path = FILMS)
     with show_progress(ProgressStyle.AUTO, f"{name}, beside traffic") as progress:
         for number, trial in enumerate(trials):
             progress(number, len(trials))
-            driven.append(_drive_journey(name, trial))
+            driven.append(drive_trial(name, trial))
     for one in driven:
         verdict, condition = _outcome(one).verdict, Condition.of(one.trial.town, one.trial.weather)
         contact = contact_of(one.trajectory) if verdict is Verdict.COLLISION else None
@@ -411,7 +411,8 @@ def film_journeys(name: str, trials: Sequence[Trial] = (), folder: Path = FILMS)
     return found
 
 
-def _drive_journey(name: str, trial: Trial) -> DrivenEpisode:
+def drive_trial(name: str, trial: Trial) -> DrivenEpisode:
+    """Return how an agent drives a trial, in SUMO where there are other road users."""
     source = resolve(name)
     agent, episode = source.make(), Episode(trial, source.track)
     observation = episode.reset()
