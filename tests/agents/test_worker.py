@@ -404,7 +404,7 @@ def test_a_token_of_another_track_is_refused(url):
         ({"resume": "ev-none"}, "--resume: no run 'ev-none'"),
         (
             {"agents": ["careful"], "suite": "nope@1"},
-            "suite: 'nope@1' is not known; there are: navigation-unseen@1, navigation@1, smoke@3",
+            "suite: 'nope@1' is not known; there are: disturbed@1, navigation-unseen@1",
         ),
         ({"agents": ["careful"], "parallel": 2}, "--parallel: the agent may keep a memory between steps"),
         ({"agents": ["missing.zip"]}, "agent: missing.zip: there is no such file; name what model.save"),

@@ -9,7 +9,8 @@ from gymnasium.utils.env_checker import check_env
 from kinds import BRAKE, GAS, Environments
 
 from wrongturn_networks import draw_trial, load_suite, load_town
-from wrongturn_networks.faults import available_faults
+from wrongturn_networks.disturbances.disturbance import Disturbance
+from wrongturn_networks.faults import available_faults, fault_class
 from wrongturn_protocol import Action, Command, Fault, FaultKind, OptionError, Track
 from wrongturn_protocol.observations import action_space, observation_space
 from wrongturn_sim import Episode
@@ -49,18 +50,20 @@ def test_a_seed_draws_the_same_trials_and_each_another(kind: Environments) -> No
 @pytest.mark.parametrize("fault", available_faults())
 def test_each_fault_is_delivered(kind: Environments, fault: FaultKind) -> None:
     given = Fault(kind=fault, dose=0.75, period=0.8) if fault is FaultKind.FLICKER else fault
-    env = kind.one(town="Town01", fault=given, route=Command.RIGHT)
+    track = Track.SEGMENTATION if issubclass(fault_class(fault), Disturbance) else Track.STATE
+    env = kind.one(town="Town01", fault=given, route=Command.RIGHT, track=track)
     observation, info = env.reset(seed=4)
     _, approach, label, seed = info["trial"].split(".")
     assert label == ("flicker-0p75-0p8" if fault is FaultKind.FLICKER else fault)
     trial = draw_trial(load_town("Town01"), approach, given, int(seed.removeprefix("s")), route=Command.RIGHT)
-    episode = Episode(trial, Track.STATE)
-    same, over = episode.reset(), False
+    episode = Episode(trial, track)
+    expected, over = episode.reset(), False
     while not over:
-        assert observation["command"] == same["command"]
+        assert observation.keys() == expected.keys()
+        assert all(np.array_equal(observation[name], value) for name, value in expected.items())
         action = (0.0, 0.4 if float(observation["speed"][0]) < 6.0 else 0.0, 0.0)
         observation, _, terminated, truncated, info = env.step(np.array(action, np.float32))
-        same, over = episode.step(*action).observation, terminated or truncated
+        expected, over = episode.step(*action).observation, terminated or truncated
     assert info["verdict"] == episode.outcome.verdict
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from wrongturn_networks import draw_trial, faults, load_town
 from wrongturn_networks.disturbances.disturbance import Disturbance
-from wrongturn_protocol import Command, Fault, FaultKind, SegmentationClass, Track, Trial
+from wrongturn_protocol import Fault, FaultKind, SegmentationClass, Track, Trial
 from wrongturn_sim import Episode, WrongturnVectorEnv
 from wrongturn_sim.camera import Camera
 from wrongturn_sim.errors import TrialNotAloneError
@@ -38,14 +38,13 @@ def test_a_dose_of_0_changes_nothing_and_any_other_comes_back(kind: FaultKind, s
     plain = drive(trial_of(FaultKind.NONE, 0, seed).model_copy(update={"fault": Fault(kind=FaultKind.NONE)}))[1]
     assert same(drive(trial_of(kind, 0.0, seed))[1], plain)
     trial = trial_of(kind, faults.fault_class(kind).dose.usual, seed)
-    episode, seen = drive(trial)
+    seen = drive(trial)[1]
     assert same(drive(trial)[1], seen)
     assert not same(seen, plain)
     again = Episode(trial, Track.SEGMENTATION)
     again.reset()
     assert same([again.repeat([(steer, 0.5, 0.0) for steer in STEERS]).observation], seen[-1:])
     assert [one["command"] for one in seen] == [one["command"] for one in plain]
-    assert episode.trajectory.rows[-1].command in set(Command)
 
 
 @pytest.mark.parametrize("seed", [4, 5])

@@ -307,7 +307,7 @@ class Fleet:
         if closed_exit(trial) is not None or issubclass(fault_class(trial.fault.kind), Disturbance):
             raise TrialNotAloneError(
                 f"trial.fault: {trial.fault.kind} changes the town, or one car; the cars of one batch are alike; "
-                "take another fault, or gymnasium.vector.AsyncVectorEnv of single environments"
+                "take another fault, 'wrongturn run' or gymnasium.vector.AsyncVectorEnv of single environments"
             )
         if self._traffic is not None:
             check_density(self.town, trial)
