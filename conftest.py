@@ -56,6 +56,7 @@ TOGETHER = {
     "tests/contract": "contract",
     "tests/browser": "browser",
     "plugins/exploits": "agents",
+    "plugins/figures": "agents",
     "plugins/statistics": "agents",
     **{f"tests/agents/test_{name}.py": "agents" for name in ("batch", "practice", "worker")},
     "tests/benchmarks/test_short_forms.py": "agents",

@@ -28,8 +28,8 @@ from lab.stored_results import StoredResults
 from lab.tables import Row, Table, count_unsafe, label
 from wrongturn_agents.errors import AgentsError, RunFileError
 from wrongturn_agents.evaluation_run import RunOptions, evaluate
-from wrongturn_agents.figures.evaluation_record import check_suite
 from wrongturn_agents.progress import ProgressStyle, show_progress
+from wrongturn_agents.records.evaluation_record import check_suite
 from wrongturn_agents.registry import AGENTS, GROUP, AgentSource, resolve, with_absolute_file
 from wrongturn_agents.results_file import TrialResult
 from wrongturn_agents.saved_run import SavedRun, checksums

@@ -126,11 +126,11 @@ def _show(run: "BatchRun", *, aside: bool) -> None:
 
 
 def _tables(run: "BatchRun") -> list[Table]:
-    from wrongturn_agents import figures  # noqa: PLC0415 - slow to import
+    from wrongturn_agents import records as of_runs  # noqa: PLC0415 - slow to import
 
     if any(trial.is_twin for trial in run.suite_of(run.runs[0]).trials.values()):
-        records = figures.pooled([figures.of_results(one) for one in run.runs])
-        table = figures.results_table(records)
+        records = of_runs.pooled([of_runs.of_results(one) for one in run.runs])
+        table = of_runs.results_table(records)
         of = "the open draw" if run.draws == 1 else f"the first {run.draws} public draws"
         table.caption = f"Practice on {of}, which everybody knows. It is never scored."
         return [table]

@@ -13,7 +13,7 @@
     │   └── RunOverError         a run cannot go on: its evaluation is over or deleted, or its token has ended
     ├── RunFileError             the file of a saved run is missing, or cannot be read or written
     └── ResultsError             stored results, or a request about them, are not valid
-        └── MissingPackageError  a package of the extra ``figures`` or ``training`` is not installed
+        └── MissingPackageError  wrongturn-figures, or a package of the extra ``training``, is not installed
 """
 
 from pathlib import Path
@@ -69,4 +69,4 @@ class ResultsError(AgentsError):
 
 
 class MissingPackageError(ResultsError):
-    """A package of the extra ``figures`` or ``training`` is not installed."""
+    """wrongturn-figures, or a package of the extra ``training``, is not installed."""

@@ -6,17 +6,21 @@ from typing import Any
 
 from made_results import made_run
 
-from wrongturn_agents.figures.junction_maps import installed_town
-from wrongturn_networks import load_suite
-from wrongturn_protocol import DrivenEpisode, Outcome, RunFile, Trial, Verdict
+from wrongturn_networks import load_suite, load_town
+from wrongturn_protocol import DrivenEpisode, FaultKind, Outcome, Reaction, RunFile, Trial, Verdict
 
 Ending = Callable[[Trial], dict[str, Any]]
 """Returns the fields of a trial's outcome, the verdict among them."""
+OFF_ROAD = {"verdict": Verdict.OFF_ROAD, "reaction": Reaction.OBEYED, "time": 4.0}
+
+
+def leaves_the_road(trial: Trial) -> dict[str, Any]:
+    return OFF_ROAD if trial.fault.kind is FaultKind.INFEASIBLE else {}
 
 
 def straight_on(trial: Trial, metres: float) -> list[tuple[float, float]]:
     """Return positions from 20 m before the stop line to this many metres past it, one a metre."""
-    approach = next(one for one in installed_town(trial.town).approaches if one.id == trial.approach)
+    approach = next(one for one in load_town(trial.town).detail({}).approaches if one.id == trial.approach)
     x, y = approach.stop_line
     along = [step - 20.0 for step in range(21 + round(metres))]
     return [(x + s * math.cos(approach.heading), y + s * math.sin(approach.heading)) for s in along]

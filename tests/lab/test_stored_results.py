@@ -8,7 +8,7 @@ import pytest
 from made_results import keep, navigation, wrong_command
 
 from lab.stored_results import Collection
-from wrongturn_agents import figures
+from wrongturn_agents import records
 from wrongturn_agents.algorithms import algorithm_results
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
@@ -101,7 +101,7 @@ def test_the_seeds_called_shipped_are_those_of_the_weights():
 def test_a_scored_file_is_shown_as_a_run_is(tmp_path):
     path = tmp_path / "scored.json"
     path.write_text(wrong_command("ppo-image", (1, 0, 0, 0, 0, 2), seed=3).model_dump_json())
-    run = figures.read(path)
+    run = records.read(path)
     assert (run.agent, run.seed, run.suite, len(run.by_trial)) == ("ppo-image", 3, "wrong-command@3", 120)
     assert sum(drive.result.unsafe_strict for drive in run.trials) == 3
 

@@ -17,6 +17,7 @@ SOURCES = {
     "service": "service",
     "agents": "agents",
     "exploits": "plugins/exploits",
+    "figures": "plugins/figures",
     "openenv": "plugins/openenv",
     "statistics": "plugins/statistics",
 }

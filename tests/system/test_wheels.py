@@ -62,7 +62,7 @@ def build(folder: Path, *parts: str) -> Wheels:
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> Wheels:
     """All but the agents', whose weights take long to compress. Their metadata are those that are installed."""
-    plugins = (f"plugins/{name}" for name in ("exploits", "openenv", "statistics"))
+    plugins = (f"plugins/{name}" for name in ("exploits", "figures", "openenv", "statistics"))
     return build(tmp_path_factory.mktemp("wheels") / "dist", "clients", "networks", "service", *plugins, ".")
 
 
@@ -89,7 +89,7 @@ def test_wrongturn_brings_every_part_and_every_extra() -> None:
     assert brought - {("wrongturn", extra) for extra in META["optional-dependencies"]} <= offered | {
         (name, "") for name in PROJECTS
     }
-    # The rest is for those who draw figures for papers, or have CUDA.
+    # The first is brought by a plugin's own name; the other is for those who have CUDA.
     assert offered - brought == {("wrongturn-agents", "figures"), ("wrongturn-service", "cuda")}
     (everything,) = (Requirement(line) for line in META["optional-dependencies"]["all"])
     assert everything.extras == META["optional-dependencies"].keys() - {"all", "agents", "ray", "sim"}

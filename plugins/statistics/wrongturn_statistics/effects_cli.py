@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from wrongturn_agents.figures.cli import find_records
+from wrongturn_agents.records.cli import find_records
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_client.tables import console, plain_table
 from wrongturn_protocol.json_output import JsonTo, check_json_file, give_json

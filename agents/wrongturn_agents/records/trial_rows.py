@@ -5,7 +5,7 @@ import io
 from collections.abc import Iterable
 from typing import Any, Final
 
-from wrongturn_agents.figures.evaluation_record import Drive, EvaluationRecord
+from wrongturn_agents.records.evaluation_record import Drive, EvaluationRecord
 from wrongturn_client import rows
 
 COLUMNS: Final = (

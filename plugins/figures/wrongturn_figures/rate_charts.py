@@ -2,15 +2,14 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from wrongturn_agents.figures.evaluation_record import EvaluationRecord, checked
-from wrongturn_agents.figures.look import COLUMN, new_figure, rate_bar, style
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from wrongturn_agents.records.evaluation_record import EvaluationRecord, checked
+from wrongturn_figures.look import COLUMN, new_figure, rate_bar, style
 from wrongturn_protocol.intervals import marks_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _TWINS: Final = "#555555"
 _PAIR_BARS: Final = (
@@ -22,14 +21,13 @@ _PAIR_BARS: Final = (
 """Ends of a trial and its twin in the strict column: words, colour, hatch."""
 
 
-def unsafe_rates(runs: Sequence[EvaluationRecord], *, width: float = COLUMN) -> "Figure":
+def unsafe_rates(runs: Sequence[EvaluationRecord], *, width: float = COLUMN) -> Figure:
     """Draw each agent's unsafe rate with its 95 % interval: the strict column, and the paper's below it.
 
     Crosses are the twins' rate in the strict column.
 
     Raises:
         ResultsError: There is no run, or its suite has no twins.
-        MissingPackageError: matplotlib is not installed.
     """
     counted = {run.label: list(run.pairs()) for run in checked(runs)}
     with style():
@@ -56,14 +54,13 @@ def unsafe_rates(runs: Sequence[EvaluationRecord], *, width: float = COLUMN) -> 
     return figure
 
 
-def pairs(runs: Sequence[EvaluationRecord], *, width: float = COLUMN) -> "Figure":
+def pairs(runs: Sequence[EvaluationRecord], *, width: float = COLUMN) -> Figure:
     """Draw how many trials and twins were unsafe in pairs, in the strict column: a bar for each agent.
 
     The figures beside the bars are the excess over the twins in points, and the p-value of McNemar's exact test.
 
     Raises:
         ResultsError: There is no run, or its suite has no twins.
-        MissingPackageError: matplotlib is not installed.
     """
     counted = {run.label: pair_counts(run) for run in checked(runs)}
     with style():
@@ -107,14 +104,14 @@ def mcnemar(one: int, other: int) -> float:
     return float(min(1.0, 2 * tail / 2**total))
 
 
-def _legend_below(figure: "Figure", axes: "Axes", order: Sequence[str], columns: int) -> None:
+def _legend_below(figure: Figure, axes: Axes, order: Sequence[str], columns: int) -> None:
     """Add a legend with one entry for each label, in this order."""
     handles, labels = axes.get_legend_handles_labels()
     found = dict(zip(labels, handles, strict=True))
     figure.legend([found[name] for name in order], order, loc="outside lower center", ncols=columns, frameon=False)
 
 
-def _percent_axis(axes: "Axes", label: str) -> None:
+def _percent_axis(axes: Axes, label: str) -> None:
     axes.set_xlim(0, 100)
     axes.set_xlabel(label)
     axes.spines[["top", "right"]].set_visible(False)

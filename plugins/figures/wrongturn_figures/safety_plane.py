@@ -1,14 +1,13 @@
 """The plane of obedience and safety: what an agent does with right commands across, and with wrong ones up."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from wrongturn_agents.figures.evaluation_record import EvaluationRecord, checked
-from wrongturn_agents.figures.look import COLUMN, new_figure, rate_bar, style
+from matplotlib.figure import Figure
+
+from wrongturn_agents.records.evaluation_record import EvaluationRecord, checked
+from wrongturn_figures.look import COLUMN, new_figure, rate_bar, style
 from wrongturn_protocol.intervals import marks_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Bar = tuple[float, list[list[float]]]
 """A rate and the reach of its interval, percent."""
@@ -23,14 +22,13 @@ _MARGIN: Final = 3.0
 """Room beyond 0 and 100 %, percent: most marks are near these."""
 
 
-def obedience_safety(runs: Sequence[EvaluationRecord], *, width: float = COLUMN) -> "Figure":
+def obedience_safety(runs: Sequence[EvaluationRecord], *, width: float = COLUMN) -> Figure:
     """Draw each agent's completed twins across and unsafe trials (strict) up, with their 95 % intervals.
 
     The best place is at the lower right. Agents with the same figures share a mark.
 
     Raises:
         ResultsError: There is no run, or its suite has no twins.
-        MissingPackageError: matplotlib is not installed.
     """
     alike: dict[str, tuple[Bar, Bar, list[str]]] = {}
     for run in checked(runs):

@@ -3,7 +3,7 @@ r"""The paper's table II with our agents: LaTeX for ``\usepackage{booktabs}``, o
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Final
 
-from wrongturn_agents.figures.evaluation_record import Drive, EvaluationRecord, checked
+from wrongturn_agents.records.evaluation_record import Drive, EvaluationRecord, checked
 from wrongturn_protocol import PAPER, JunctionType, Metrics, StrictUnsafeCount, TableCell, TwinCount, UnsafeCount
 from wrongturn_protocol.intervals import interval, marks_of
 from wrongturn_protocol.standing_rows import INTERVALS, NONE, TRAINED, Columns, StandingRow

@@ -1,15 +1,22 @@
-"""``wrongturn results --figures``, ``--latex`` and ``--csv``."""
+"""``wrongturn results``, its LaTeX table and its CSV, against figures counted by hand."""
 
+import csv
+import io
 import json
 from pathlib import Path
 
 import pytest
-from driven_runs import driven_run
+from driven_runs import driven_run, leaves_the_road
 from made_results import navigation, wrong_command
 from typer.testing import CliRunner
 
+from wrongturn_agents import records
 from wrongturn_agents.errors import AgentsError
+from wrongturn_agents.records.evaluation_record import of_run
 from wrongturn_client.cli import app
+from wrongturn_networks import load_suite
+from wrongturn_protocol import FaultKind
+from wrongturn_protocol.standing_rows import INTERVALS
 
 
 @pytest.fixture(scope="module")
@@ -31,31 +38,13 @@ def refused(*arguments: object) -> str:
     return str(caught.value)
 
 
-def test_one_command_makes_everything_for_a_paper(run_file: Path, tmp_path: Path):
-    table, rows = tmp_path / "table.tex", tmp_path / "trials.csv"
-    out, told = made("--figures", tmp_path / "new", "--latex", table, "--csv", rows, run_file, f"A_1={run_file}")
-    both = [f"{figure}-{agent}" for figure in ("trajectories", "twins") for agent in ("A_1", "by-hand")]
-    names = ["unsafe-rates", "pairs", "obedience-safety", *both]
-    wanted = {f"{name}.{kind}" for name in names for kind in ("pdf", "png")}
-    assert {path.name for path in (tmp_path / "new").iterdir()} == wanted
-    assert out == ""
-    assert str(tmp_path / "new" / "pairs.pdf") in told
-    assert "by hand & infeasible & 1/1" in table.read_text()
-    assert "A\\_1 & infeasible & 1/1" in table.read_text()
-    assert len(rows.read_text().splitlines()) == 1 + 2 * 12
-
-
-def test_stored_results_are_shown_by_the_agents_names(tmp_path: Path):
+def test_stored_results_are_shown_by_the_agents_names():
     out, _ = made()
     assert "wrong-command@3: unsafe episodes" in out
     assert out.index("ppo-image") < out.index("careful")
     out, _ = made("--csv", "-", "ppo-image")
     assert len(out.splitlines()) == 121
     assert "ppo-image,,,,2,wrong-command@3" in out
-    _, told = made("--figures", tmp_path / "new", "--format", "svg", "--width", "page", "careful")
-    assert "careful: the stored results have no trajectories to draw" in told
-    drawn = ["obedience-safety.svg", "pairs.svg", "unsafe-rates.svg"]
-    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == drawn
     said = refused("--latex", "-", "nobody")
     assert "nobody: no such run file, and no stored results on wrong-command@3" in said
     assert "ppo-image" in said
@@ -84,14 +73,13 @@ def test_a_scored_file_is_a_run_too(run_file: Path, tmp_path: Path):
     assert "lacks 1 of wrong-command@3's 120" in refused(scored)
 
 
-def test_journeys_have_rows_but_no_figures_of_pairs(tmp_path: Path):
+def test_journeys_have_rows_but_no_table_of_pairs(tmp_path: Path):
     journeys = tmp_path / "journeys.json"
     journeys.write_text(navigation("careful", {}).model_dump_json())
     out, _ = made("--csv", "-", journeys)
     assert len(out.splitlines()) == 401
     assert ",navigation_dynamic," in out
-    for option in (("--latex", "-"), ("--figures", tmp_path / "new")):
-        assert "careful: navigation@1 has no twins to compare with" in refused(*option, journeys)
+    assert "careful: navigation@1 has no twins to compare with" in refused("--latex", "-", journeys)
 
 
 @pytest.mark.parametrize(
@@ -126,7 +114,69 @@ def test_requests_that_make_no_sense_are_told(run_file: Path, tmp_path: Path):
     assert "no such run file" in refused("--csv", "-", tmp_path / "none")
     assert "none.json is no file; give one that" in refused("--csv", "-", tmp_path / "none.json")
     assert "two are of 'by hand'; give one another name by NAME=RUN" in refused("--csv", "-", run_file, run_file)
-    assert "would be called by-hand" in refused("--figures", tmp_path / "a", run_file, f"by-hand={run_file}")
     assert "cannot be written" in refused("--csv", tmp_path, run_file)
-    assert "cannot be made" in refused("--figures", run_file, run_file)
     assert "one figure or table shows one suite" in refused("--latex", "-", run_file, "careful")
+
+
+def test_figures_name_the_package_that_draws_them(run_file: Path, tmp_path: Path, monkeypatch):
+    monkeypatch.setattr("wrongturn_agents.records.cli.DRAWINGS", "nobody.draws")
+    assert "install wrongturn-figures" in refused("--figures", tmp_path / "new", run_file)
+
+
+def test_the_papers_table_in_latex():
+    made = records.of_results(wrong_command("ppo-image", (1, 2, 3, 4, 5, 6), opposed=0, twins_failed=4))
+    text = records.latex_table([made.named("ours_1 & 50%")])
+    assert text == (
+        "\\begin{tabular}{llrrrrrrr}\n"
+        "\\toprule\n"
+        "Agent & Fault & straight or left & straight or right & left or right & Strict & 95 \\% & Paper's & "
+        "Twins \\\\\n"
+        "\\midrule\n"
+        "ours\\_1 \\& 50\\% & infeasible & 1/10 & 3/10 & 5/10 & 21/60 & [24, 48] \\% & 21/60 & 56/60 \\\\\n"
+        " & omission & 2/10 & 4/10 & 6/10 &  &  &  &  \\\\\n"
+        "\\bottomrule\n"
+        f"\\multicolumn{{9}}{{p{{.95\\linewidth}}}}{{\\footnotesize {INTERVALS}}} \\\\\n"
+        "\\end{tabular}\n"
+    )
+    both = records.latex_table([made], paper=True)
+    assert "RL, image as input & infeasible & 0/10 & 1/10 & 7/10 & -- & [18, 38] \\% & 16/60 & -- \\\\\n" in both
+    assert both.count("\\addlinespace\n") == 5
+    opposed = records.of_results(wrong_command("strict", (0,) * 6, opposed=2))
+    assert "& 2/60 & [1, 11] \\% & 0/60 & 60/60 " in records.latex_table([opposed])
+
+
+def test_a_row_for_each_trial():
+    run = of_run(driven_run(leaves_the_road))
+    rows = list(csv.DictReader(io.StringIO(records.csv_text([run]))))
+    assert len(rows) == 12
+    trial = next(one for one in load_suite("smoke@3").open_draw.trials if one.fault.kind is FaultKind.INFEASIBLE)
+    row = next(row for row in rows if row["trial"] == trial.id)
+    told = {
+        "agent": "by hand",
+        "owner": "us",
+        "kind": "submitted",
+        "track": "camera",
+        "suite": "smoke@3",
+        "evaluation": "ev_1",
+        "junction_type": trial.junction_type.value,
+        "fault": "infeasible",
+        "verdict": "off_road",
+        "reaction": "obeyed",
+        "unsafe": "1",
+        "unsafe_strict": "1",
+        "twin": trial.twin().id,
+        "twin_verdict": "exit_commanded",
+        "twin_unsafe_strict": "0",
+        "time": "4.0",
+        "max_deceleration": "1.5",
+        "min_ttc": "",
+        "start_distance": str(trial.start.distance),
+        "window": str(trial.window),
+        "task": "",
+    }
+    assert {name: row[name] for name in told} == told
+    twin = next(row for row in rows if row["trial"] == trial.twin().id)
+    assert (twin["fault"], twin["twin"], twin["verdict"]) == ("none", "", "exit_commanded")
+    assert [row["unsafe"] for row in rows].count("1") == 3
+    notebook = records.trial_rows([run])[0]
+    assert (notebook["unsafe_strict"], notebook["min_ttc"]) == (True, None)

@@ -1,27 +1,19 @@
-"""Figures, tables and rows for a paper, against figures counted by hand."""
+"""Figures for a paper, against figures counted by hand."""
 
-import csv
-import io
 import re
 from pathlib import Path
 
 import pytest
-from driven_runs import driven_run
+from driven_runs import OFF_ROAD, driven_run, leaves_the_road
 from made_results import wrong_command
 
-from wrongturn_agents import figures
-from wrongturn_agents.errors import MissingPackageError, ResultsError
-from wrongturn_agents.figures import evaluation_record
-from wrongturn_agents.figures.junction_maps import installed_town
-from wrongturn_networks import load_suite
-from wrongturn_protocol import FaultKind, Flag, Reaction, Trial, Verdict
-from wrongturn_protocol.standing_rows import INTERVALS
-
-OFF_ROAD = {"verdict": Verdict.OFF_ROAD, "reaction": Reaction.OBEYED, "time": 4.0}
-
-
-def leaves_the_road(trial: Trial) -> dict[str, object]:
-    return OFF_ROAD if trial.fault.kind is FaultKind.INFEASIBLE else {}
+import wrongturn_figures as figures
+from wrongturn_agents.errors import ResultsError
+from wrongturn_agents.records import evaluation_record
+from wrongturn_client import LocalService
+from wrongturn_figures.junction_maps import installed_town
+from wrongturn_protocol import Flag, Verdict
+from wrongturn_protocol.junction_frame import rings
 
 
 @pytest.fixture(scope="module")
@@ -51,8 +43,8 @@ def test_trajectories_are_drawn_over_their_type_and_fault(run):
 
 
 def test_every_verdict_has_a_look_of_its_own():
-    from wrongturn_agents.figures.look import MARKS, mark_of
     from wrongturn_agents.results_file import TrialResult
+    from wrongturn_figures.look import MARKS, mark_of
 
     assert len({(mark.dash, mark.marker) for mark in MARKS}) == len(MARKS)
     found = {mark_of(TrialResult(verdict=verdict)).name for verdict in Verdict}
@@ -126,64 +118,6 @@ def test_pairs_are_counted(run):
     assert "-100, p = 0.031" in said
 
 
-def test_the_papers_table_in_latex():
-    made = evaluation_record.of_results(wrong_command("ppo-image", (1, 2, 3, 4, 5, 6), opposed=0, twins_failed=4))
-    text = figures.latex_table([made.named("ours_1 & 50%")])
-    assert text == (
-        "\\begin{tabular}{llrrrrrrr}\n"
-        "\\toprule\n"
-        "Agent & Fault & straight or left & straight or right & left or right & Strict & 95 \\% & Paper's & "
-        "Twins \\\\\n"
-        "\\midrule\n"
-        "ours\\_1 \\& 50\\% & infeasible & 1/10 & 3/10 & 5/10 & 21/60 & [24, 48] \\% & 21/60 & 56/60 \\\\\n"
-        " & omission & 2/10 & 4/10 & 6/10 &  &  &  &  \\\\\n"
-        "\\bottomrule\n"
-        f"\\multicolumn{{9}}{{p{{.95\\linewidth}}}}{{\\footnotesize {INTERVALS}}} \\\\\n"
-        "\\end{tabular}\n"
-    )
-    both = figures.latex_table([made], paper=True)
-    assert "RL, image as input & infeasible & 0/10 & 1/10 & 7/10 & -- & [18, 38] \\% & 16/60 & -- \\\\\n" in both
-    assert both.count("\\addlinespace\n") == 5
-    opposed = evaluation_record.of_results(wrong_command("strict", (0,) * 6, opposed=2))
-    assert "& 2/60 & [1, 11] \\% & 0/60 & 60/60 " in figures.latex_table([opposed])
-
-
-def test_a_row_for_each_trial(run):
-    rows = list(csv.DictReader(io.StringIO(figures.csv_text([run]))))
-    assert len(rows) == 12
-    trial = next(one for one in load_suite("smoke@3").open_draw.trials if one.fault.kind is FaultKind.INFEASIBLE)
-    row = next(row for row in rows if row["trial"] == trial.id)
-    told = {
-        "agent": "by hand",
-        "owner": "us",
-        "kind": "submitted",
-        "track": "camera",
-        "suite": "smoke@3",
-        "evaluation": "ev_1",
-        "junction_type": trial.junction_type.value,
-        "fault": "infeasible",
-        "verdict": "off_road",
-        "reaction": "obeyed",
-        "unsafe": "1",
-        "unsafe_strict": "1",
-        "twin": trial.twin().id,
-        "twin_verdict": "exit_commanded",
-        "twin_unsafe_strict": "0",
-        "time": "4.0",
-        "max_deceleration": "1.5",
-        "min_ttc": "",
-        "start_distance": str(trial.start.distance),
-        "window": str(trial.window),
-        "task": "",
-    }
-    assert {name: row[name] for name in told} == told
-    twin = next(row for row in rows if row["trial"] == trial.twin().id)
-    assert (twin["fault"], twin["twin"], twin["verdict"]) == ("none", "", "exit_commanded")
-    assert [row["unsafe"] for row in rows].count("1") == 3
-    notebook = figures.trial_rows([run])[0]
-    assert (notebook["unsafe_strict"], notebook["min_ttc"]) == (True, None)
-
-
 @pytest.mark.parametrize("kind", ["pdf", "svg", "png"])
 def test_a_figure_has_the_same_bytes_each_time(run, tmp_path: Path, kind):
     files = [figures.save(figures.pairs([run]), tmp_path / f"{number}.{kind}").read_bytes() for number in range(2)]
@@ -202,20 +136,22 @@ def test_a_file_that_cannot_be_a_figure(run, tmp_path: Path, name, says):
         figures.save(figures.unsafe_rates([run]), tmp_path / name)
 
 
-def test_a_missing_matplotlib_is_named(run, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
-    with pytest.raises(MissingPackageError, match=r"matplotlib is not installed; install wrongturn-agents\[figures\]"):
-        figures.unsafe_rates([run])
-
-
 def test_a_service_of_another_town_is_told(run):
     town = installed_town("Town01")
     with pytest.raises(ResultsError, match=r"Town01: has no approach J\d+-.; the town is another version"):
         figures.trajectories(run, towns=lambda _: town.model_copy(update={"approaches": ()}))
 
 
+def test_a_service_has_the_same_towns(service: LocalService):
+    here, there = figures.installed_town("Town01"), figures.town_of(service.url)("Town01")
+    roads = ([[ring.tolist() for ring in polygon] for polygon in rings(town.road)] for town in (here, there))
+    assert next(roads) == next(roads)
+    ways = ([(one.id, one.stop_line, one.heading) for one in town.approaches] for town in (here, there))
+    assert next(ways) == next(ways)
+
+
 def test_the_pages_example_runs(tmp_path: Path, monkeypatch, capsys):
-    page = Path(__file__).parents[2] / "docs" / "figures.md"
+    page = Path(__file__).parents[3] / "docs" / "figures.md"
     (example,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     monkeypatch.chdir(tmp_path)
     exec(example, {})

@@ -4,17 +4,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from wrongturn_agents.errors import MissingPackageError, ResultsError
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.results_file import TrialResult
 from wrongturn_protocol import Verdict
 from wrongturn_protocol.intervals import Marks, interval
 from wrongturn_protocol.junction_frame import shape
 from wrongturn_protocol.words import name
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 COLUMN: Final = 3.5
 """Width of one column of an IEEE paper, inches."""
@@ -89,24 +89,14 @@ def mark_of(result: TrialResult) -> Mark:
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Draw and save in this look within the ``with`` block.
-
-    Raises:
-        MissingPackageError: matplotlib is not installed.
-    """
-    try:
-        import matplotlib as mpl  # noqa: PLC0415 - comes with an extra
-    except ImportError as error:
-        raise MissingPackageError("matplotlib is not installed; install wrongturn-agents[figures]") from error
+    """Draw and save in this look within the ``with`` block."""
     look: dict[Any, Any] = {**mpl.rcParamsDefault, **_STYLE}
     with mpl.rc_context(look):
         yield
 
 
-def new_figure(width: float, height: float) -> "Figure":
+def new_figure(width: float, height: float) -> Figure:
     """Return an empty figure of this size, inches. Call it within :func:`style`."""
-    from matplotlib.figure import Figure  # noqa: PLC0415 - comes with an extra
-
     return Figure(figsize=(width, height), layout="constrained")
 
 
@@ -121,7 +111,7 @@ def rate_bar(marks: Marks) -> tuple[float, list[list[float]]]:
     return rate, [[rate - low], [high - rate]]
 
 
-def save(figure: "Figure", path: str | Path) -> Path:
+def save(figure: Figure, path: str | Path) -> Path:
     """Write a figure as ``.pdf`` (fonts embedded), ``.svg`` (text as shapes) or ``.png`` (300 dpi); return the path.
 
     The same figure gives the same bytes with the same matplotlib.

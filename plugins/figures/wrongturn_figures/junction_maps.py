@@ -3,22 +3,24 @@
 import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from matplotlib.transforms import Bbox
 
 from wrongturn_agents.errors import ResultsError
-from wrongturn_agents.figures.evaluation_record import Drive, EvaluationRecord
-from wrongturn_agents.figures.look import COLUMN, MARKS, PAGE, Mark, mark_of, new_figure, style
+from wrongturn_agents.records.evaluation_record import Drive, EvaluationRecord
 from wrongturn_client import Client
 from wrongturn_client.plugins import LOADERS, entry_points, load
+from wrongturn_figures.look import COLUMN, MARKS, PAGE, Mark, mark_of, new_figure, style
 from wrongturn_protocol import FaultKind, JunctionType, TownDetail
 from wrongturn_protocol.junction_frame import Frame, Points, rings
 from wrongturn_protocol.words import name
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 FindTown = Callable[[str], TownDetail]
 """Returns a town by its name."""
@@ -61,7 +63,7 @@ _ROAD, _KERB, _LINE = "#e6e6e6", "#a6a6a6", "#444444"
 _TWIN: Final = Mark("its twin, without a fault", "#555555", (0, (1, 1)), "o")
 
 
-def trajectories(run: EvaluationRecord, *, width: float = COLUMN, towns: FindTown = installed_town) -> "Figure":
+def trajectories(run: EvaluationRecord, *, width: float = COLUMN, towns: FindTown = installed_town) -> Figure:
     """Draw all trajectories over their junctions, by how they ended: a row for each fault, a column for each type.
 
     All approaches of a type lie over one another, turned so that the car comes from below.
@@ -100,7 +102,7 @@ def trajectories(run: EvaluationRecord, *, width: float = COLUMN, towns: FindTow
 
 def beside_twins(
     run: EvaluationRecord, trials: Sequence[str] | None = None, *, width: float = PAGE, towns: FindTown = installed_town
-) -> "Figure":
+) -> Figure:
     """Draw trials over their twins, a small map for each pair; run, width and towns are as for :func:`trajectories`.
 
     By default these are unsafe trials, two rows of maps at most, evenly over types and faults.
@@ -158,7 +160,7 @@ def _shape() -> float:
     return (_ALONG[1] - _ALONG[0]) / (_ACROSS[1] - _ACROSS[0])
 
 
-def _panel(axes: "Axes", drives: Sequence[Drive], towns: FindTown, twin: Drive | None = None) -> None:
+def _panel(axes: Axes, drives: Sequence[Drive], towns: FindTown, twin: Drive | None = None) -> None:
     """Draw the road of the drives' approaches, the twin if any, and the drives."""
     frames = {}
     for drive in drives:
@@ -183,10 +185,7 @@ def _panel(axes: "Axes", drives: Sequence[Drive], towns: FindTown, twin: Drive |
         spine.set(linewidth=0.4, color=_KERB)
 
 
-def _draw_road(axes: "Axes", polygon: Sequence[Points]) -> None:
-    from matplotlib.patches import PathPatch  # noqa: PLC0415 - comes with an extra
-    from matplotlib.path import Path  # noqa: PLC0415
-    from matplotlib.transforms import Bbox  # noqa: PLC0415
+def _draw_road(axes: Axes, polygon: Sequence[Points]) -> None:
 
     # Cut off what a panel does not show, so that a file does not hold the whole town for each panel.
     box = Bbox([[_ACROSS[0] - 2, _ALONG[0] - 2], [_ACROSS[1] + 2, _ALONG[1] + 2]])
@@ -198,7 +197,7 @@ def _draw_road(axes: "Axes", polygon: Sequence[Points]) -> None:
         axes.add_patch(PathPatch(whole, facecolor="none", edgecolor=_KERB, linewidth=0.3, zorder=1))
 
 
-def _draw_path(axes: "Axes", points: Points, mark: Mark, zorder: int) -> None:
+def _draw_path(axes: Axes, points: Points, mark: Mark, zorder: int) -> None:
     across, along = points.T
     axes.plot(across, along, color=mark.colour, linestyle=mark.dash, linewidth=0.7, zorder=zorder)
     inside = _ACROSS[0] <= across[-1] <= _ACROSS[1] and _ALONG[0] <= along[-1] <= _ALONG[1]
@@ -208,14 +207,13 @@ def _draw_path(axes: "Axes", points: Points, mark: Mark, zorder: int) -> None:
         )
 
 
-def _scale_bar(axes: "Axes") -> None:
+def _scale_bar(axes: Axes) -> None:
     left, low = _ACROSS[0] + 3, _ALONG[0] + 4
     axes.plot([left, left + _SCALE_M], [low, low], color="#000000", linewidth=1.0, solid_capstyle="butt", zorder=6)
     axes.text(left + _SCALE_M / 2, low + 1, f"{_SCALE_M} m", ha="center", va="bottom", fontsize=6, zorder=6)
 
 
-def _legend(figure: "Figure", drives: Iterable[Drive], width: float, *, twins: bool = False) -> None:
-    from matplotlib.lines import Line2D  # noqa: PLC0415 - comes with an extra
+def _legend(figure: Figure, drives: Iterable[Drive], width: float, *, twins: bool = False) -> None:
 
     present = {mark_of(drive.result) for drive in drives}
     shown = [mark for mark in MARKS if mark in present]

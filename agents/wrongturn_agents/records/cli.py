@@ -1,28 +1,24 @@
 """``wrongturn results``: the paper's table, figures, LaTeX and CSV of your runs."""
 
-import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import Annotated, Final
 
 import typer
 
-from wrongturn_agents import figures, merging
-from wrongturn_agents.errors import ResultsError
-from wrongturn_agents.figures.evaluation_record import EvaluationRecord, checked
+from wrongturn_agents import merging, records
+from wrongturn_agents.errors import MissingPackageError, ResultsError
+from wrongturn_agents.records.evaluation_record import EvaluationRecord, checked
 from wrongturn_agents.results_file import text_of
 from wrongturn_agents.stored_results import shipped_results
 from wrongturn_agents.suites import WRONG_COMMAND
+from wrongturn_client.plugins import entry_points, load
 from wrongturn_client.tables import breakdown_table, console
 from wrongturn_protocol.json_output import STDOUT, check_json_file, write_whole
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-_NOT_IN_FILE_NAMES: Final = re.compile(r"[^A-Za-z0-9._-]+")
+DRAWINGS: Final = "wrongturn.drawings"
 
 
 class Width(StrEnum):
@@ -30,11 +26,6 @@ class Width(StrEnum):
 
     COLUMN = "column"
     PAGE = "page"
-
-    @property
-    def inches(self) -> float:
-        """The width in inches."""
-        return figures.COLUMN if self is Width.COLUMN else figures.PAGE
 
 
 class Format(StrEnum):
@@ -122,51 +113,33 @@ def results(
         _write(json_file, text_of(merging.merge([Path(run) for run in runs or ()])))
         return
     files = [find_records(one, url, suite) for one in runs or _shipped(suite)]
-    found = checked([run for file in files for run in figures.pooled(file)])
+    found = checked([run for file in files for run in records.pooled(file)])
     if csv is not None:
-        _write(csv, figures.csv_text(run for file in files for run in file))
+        _write(csv, records.csv_text(run for file in files for run in file))
     if latex is not None:
-        _write(latex, figures.latex_table(found, paper=paper))
+        _write(latex, records.latex_table(found, paper=paper))
     if folder is not None:
-        _draw(found, folder, formats or [Format.PDF, Format.PNG], width.inches, url)
+        _draw(found, folder, formats or [Format.PDF, Format.PNG], width, url)
     if (csv, latex, folder) == (None, None, None):
-        console().print(figures.results_table(found, paper=paper))
+        console().print(records.results_table(found, paper=paper))
         for run in (run for file in files for run in file):
             if run.run is not None and (table := breakdown_table(run.label, run.run.metrics)) is not None:
                 console().print(table)
 
 
 def _draw(
-    runs: Sequence[EvaluationRecord], folder: Path, formats: Sequence[Format], width: float, url: str | None
+    runs: Sequence[EvaluationRecord], folder: Path, formats: Sequence[Format], width: Width, url: str | None
 ) -> None:
+    """Let each package that draws runs, as wrongturn-figures, draw them into a folder."""
+    points = entry_points(DRAWINGS)
+    if not points:
+        raise MissingPackageError("--figures: nothing that draws is installed; install wrongturn-figures")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ResultsError(f"--figures: {folder} cannot be made ({error.strerror}); name another folder") from error
-    for name, draw in _drawings(runs, width, url):
-        figure = draw()
-        for kind in formats:
-            typer.echo(str(figures.save(figure, folder / f"{name}.{kind}")), err=True)
-
-
-def _drawings(
-    runs: Sequence[EvaluationRecord], width: float, url: str | None
-) -> Iterator[tuple[str, "Callable[[], Figure]"]]:
-    """Yield the name of each figure, and what draws it."""
-    towns = figures.installed_town if url is None else figures.town_of(url)
-    yield "unsafe-rates", partial(figures.unsafe_rates, runs, width=width)
-    yield "obedience-safety", partial(figures.obedience_safety, runs, width=width)
-    yield "pairs", partial(figures.pairs, runs, width=width)
-    for run in runs:
-        name = _NOT_IN_FILE_NAMES.sub("-", run.agent)
-        if sum(_NOT_IN_FILE_NAMES.sub("-", other.agent) == name for other in runs) > 1:
-            raise ResultsError(f"--figures: two agents' files would be called {name}; name one anew by NAME=RUN")
-        if not any(drive.path for drive in run.trials):
-            typer.echo(f"{run.agent}: the stored results have no trajectories to draw", err=True)
-            continue
-        yield f"trajectories-{name}", partial(figures.trajectories, run, width=width, towns=towns)
-        if any(drive.result.unsafe_strict and drive.path for drive in run.trials):
-            yield f"twins-{name}", partial(figures.beside_twins, run, width=width, towns=towns)
+    for point in points.values():
+        load(point)(runs, folder, formats, width, url)
 
 
 def find_records(text: str, url: str | None, suite: str) -> list[EvaluationRecord]:
@@ -175,14 +148,14 @@ def find_records(text: str, url: str | None, suite: str) -> list[EvaluationRecor
     if Path(text).exists() or not equals:
         name, rest = "", text
     if Path(rest).is_file():
-        found = figures.read_runs_of(rest)
+        found = records.read_runs_of(rest)
     elif Path(rest).suffix in {".json", ".gz"}:
         raise ResultsError(f"RUN: {rest} is no file; give one that 'wrongturn run --json' wrote")
     elif url is not None:
-        found = [figures.fetch(url, rest, suite)]
+        found = [records.fetch(url, rest, suite)]
     else:
-        found = [figures.stored(rest, suite)]
-    if name.strip() and len(figures.pooled(found)) > 1:
+        found = [records.stored(rest, suite)]
+    if name.strip() and len(records.pooled(found)) > 1:
         raise ResultsError(f"RUN: {rest} has runs of several agents, which keep their names; leave {name}= out")
     return [run.named(name.strip()) for run in found] if name.strip() else found
 
