@@ -14,7 +14,7 @@ from wrongturn_agents.evaluation_run import RunOptions, evaluate, made_once
 from wrongturn_agents.practice import PracticeRun, practice_table
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.saved_run import RunDatabase
-from wrongturn_agents.suites import NAVIGATION, UNSEEN, WRONG_COMMAND, installed_suite
+from wrongturn_agents.suites import NAVIGATION, UNSEEN, WRONG_COMMAND, installed_suite, suite_named
 from wrongturn_agents.worker import service_at
 from wrongturn_client import settings
 from wrongturn_client.tables import console, print_metrics
@@ -34,7 +34,7 @@ def run(
     ] = None,
     *,
     suite: Annotated[
-        str | None, typer.Option(help=f"Suite of trials; by default {UNSEEN}. Example: --suite smoke@3")
+        str | None, typer.Option(help=f"Suite of trials, or its file; by default {UNSEEN}. Example: --suite smoke@3")
     ] = None,
     url: Annotated[
         str | None,
@@ -135,6 +135,7 @@ def run(
     Each of these can be in a file instead. Example: export WRONGTURN_TOKEN_FILE=tokens/careful/token
     """
     agent = agents[0] if agents else None
+    suite = suite if suite is None else suite_named(suite)
     options = RunOptions(agent, suite, url, name, json_file, resume, parallel, progress, keep)
     batch = BatchOptions(agents or (), draws, workers, ray, shard, task)
     try:

@@ -48,6 +48,14 @@ def installed_suite(suite: str, secret: str | None = None) -> SuiteTrials:
     return SuiteTrials(found.id, found.sha256, trials, draw.secret, draw.commitment)
 
 
+def suite_named(text: str) -> str:
+    """Return the id of the suite that a user names by its id or its file. A file is then known by its id here.
+
+    Raises as :func:`sha256_of_suite`, for files alone.
+    """
+    return str(_loaded(text).id) if text.endswith(".json") else text
+
+
 def sha256_of_suite(suite: str) -> str:
     """Return the hash of the installed suite with this id.
 

@@ -14,7 +14,7 @@ import typer
 
 from wrongturn_client.admin_cli import admin
 from wrongturn_client.options import Url
-from wrongturn_client.plugins import PluginGroup
+from wrongturn_client.plugins import PluginGroup, SuiteCommands, TownCommands
 from wrongturn_client.replay_cli import replay
 from wrongturn_client.submit_cli import submissions, submit
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
@@ -59,7 +59,14 @@ def agents(url: Url = None, json_to: JsonTo = None) -> None:
     _list("agents", url, json_to)
 
 
-@app.command()
+_suites = typer.Typer(cls=SuiteCommands, help="List the suites of a service or of this installation, or make one.")
+_towns = typer.Typer(cls=TownCommands, help="List the towns of a service or of this installation, or import one.")
+app.add_typer(_suites, name="suites")
+app.add_typer(_suites, name="suite", hidden=True)
+app.add_typer(_towns, name="towns")
+
+
+@_suites.command("list")
 def suites(url: Url = None, json_to: JsonTo = None) -> None:
     """List the suites of trials of a service (--url), or those installed here.
 
@@ -68,7 +75,7 @@ def suites(url: Url = None, json_to: JsonTo = None) -> None:
     _list("suites", url, json_to)
 
 
-@app.command()
+@_towns.command("list")
 def towns(
     name: Annotated[
         str | None, typer.Argument(metavar="[NAME]", help="A town, to list its approaches. Example: Town01")

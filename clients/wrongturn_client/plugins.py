@@ -98,6 +98,9 @@ class LazyCommand(TyperCommand):
 class PluginGroup(TyperGroup):
     """Commands of the program: its own, then those of other packages."""
 
+    plugins = COMMANDS
+    """Entry-point group of the commands of other packages."""
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse a command line, in which each ``--json`` without a file stands for stdout."""
         return super().parse_args(ctx, with_stdout(args))
@@ -124,17 +127,34 @@ class PluginGroup(TyperGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the commands, in the order of the help."""
-        return list(dict.fromkeys([*super().list_commands(ctx), *entry_points(COMMANDS)]))
+        return list(dict.fromkeys([*super().list_commands(ctx), *entry_points(self.plugins)]))
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command by its name; None if there is none."""
         own = super().get_command(ctx, cmd_name)
-        point = None if own is not None else entry_points(COMMANDS).get(cmd_name)
+        point = None if own is not None else entry_points(self.plugins).get(cmd_name)
         if point is None:
             return own
         command = LazyCommand(cmd_name, help=summary(point) or f"See 'wrongturn {cmd_name} --help'.")
         command.entry_point = point
         return command
+
+
+class TownCommands(PluginGroup):
+    """Commands about towns; without the name of one, the command ``list``."""
+
+    plugins = "wrongturn.commands.towns"
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse a command line; what is no command is an argument of ``list``."""
+        known = {*self.list_commands(ctx), *ctx.help_option_names}
+        return super().parse_args(ctx, args if args and args[0] in known else ["list", *args])
+
+
+class SuiteCommands(TownCommands):
+    """Commands about suites; without the name of one, the command ``list``."""
+
+    plugins = "wrongturn.commands.suites"
 
 
 def checks() -> Iterator[tuple[str, bool, str, str]]:
@@ -146,7 +166,8 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
             yield name, False, str(error), "install it again"
         except Exception as error:
             yield name, False, f"the check itself failed: {type(error).__name__}: {error}", "install it again"
-    for name, point in entry_points(COMMANDS).items():
+    groups = (PluginGroup, TownCommands, SuiteCommands)
+    for name, point in (one for group in groups for one in entry_points(group.plugins).items()):
         try:
             load(point)
         except PluginError as error:

@@ -25,7 +25,8 @@ def with_boards(town: Town, approach_id: str, direction: Command) -> Town:
     (x, y), (x2, y2) = leaving.centreline[:2].tolist()
     heading = math.atan2(y2 - y, x2 - x)
     cos, sin = math.cos(heading), math.sin(heading)
-    right, left = -leaving.width / 2, leaving.width / 2 + (coming.width if coming is not None else 0.0)
+    across = abs(leaving.axis) + (coming.breadth if coming is not None else 0.0)
+    right, left = (-leaving.kerb, across) if leaving.axis > 0.0 else (-across, leaving.kerb)
     count = max(round((left - right) / _BOARD), 1)
     length = (left - right) / count
     boards = tuple(

@@ -6,8 +6,9 @@ from wrongturn_networks import loading, suites
 from wrongturn_networks.drawn import SUMO
 from wrongturn_networks.errors import NetworkError
 from wrongturn_networks.faults import left_out_faults
-from wrongturn_networks.loading import load_town, town_names
-from wrongturn_networks.suites import load_suite, suite_ids
+from wrongturn_networks.loading import load_town, town_named, town_names
+from wrongturn_networks.suites import Suite, load_suite, suite_ids, suite_named
+from wrongturn_networks.town import Town
 from wrongturn_protocol import SuiteSummary, TownSummary
 
 
@@ -19,6 +20,16 @@ def list_suites() -> list[SuiteSummary]:
 def list_towns() -> list[TownSummary]:
     """Return all towns."""
     return [load_town(name).summary() for name in town_names()]
+
+
+def find_town(text: str) -> Town:
+    """Return the town that a user names, by its name or its folder. Raises NetworkError."""
+    return load_town(town_named(text))
+
+
+def find_suite(text: str) -> Suite:
+    """Return the suite that a user names, by its id or its file. Raises NetworkError."""
+    return load_suite(suite_named(text))
 
 
 def checks() -> Iterator[tuple[str, bool, str, str]]:

@@ -25,7 +25,12 @@ def lane_polygon(centreline: Line, width: float) -> Polygon:
 
 def walking_areas(net: Net) -> BaseGeometry:
     """Return the parts of junctions that belong to pedestrians."""
-    return unary_union([Polygon(lane.shape).buffer(0) for lane in net.lanes.values() if lane.function == "walkingarea"])
+    return unary_union([outline(lane.shape) for lane in net.lanes.values() if lane.function == "walkingarea"])
+
+
+def outline(shape: Line) -> BaseGeometry:
+    """Return the area of an outline (n, 2), also of one that crosses itself; nothing for fewer than three points."""
+    return Polygon(shape).buffer(0) if len(shape) > 2 else Polygon()
 
 
 def sidewalks(net: Net) -> BaseGeometry:
@@ -33,7 +38,7 @@ def sidewalks(net: Net) -> BaseGeometry:
     along = [
         lane_polygon(lane.shape, lane.width)
         for lane in net.lanes.values()
-        if lane.function == "normal" and not lane.cars
+        if lane.function == "normal" and lane.walk and not lane.cars
     ]
     return unary_union([*along, walking_areas(net)])
 
@@ -49,12 +54,12 @@ def road(net: Net, junctions: Iterable[NetJunction]) -> BaseGeometry:
         for internal in connection.via
     ]
     walked = walking_areas(net)
-    shapes = [Polygon(junction.shape).buffer(0).difference(walked) for junction in junctions]
+    shapes = [outline(junction.shape).difference(walked) for junction in junctions]
     return unary_union([*lanes, *paths, *shapes]).buffer(_SEAM, join_style="mitre").buffer(-_SEAM, join_style="mitre")
 
 
 def junction_area(junction: NetJunction, town_road: BaseGeometry) -> BaseGeometry:
     """Return the part of the junction's shape that is road."""
-    area = Polygon(junction.shape).buffer(0).intersection(town_road)
+    area = outline(junction.shape).intersection(town_road)
     parts = [part for part in getattr(area, "geoms", [area]) if part.area > 0.1]
     return unary_union(parts)

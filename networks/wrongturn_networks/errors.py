@@ -3,6 +3,7 @@
 NetworkError
 ├── UnknownTownError
 ├── TownBuildError
+├── ImportTownError
 ├── UnknownApproachError
 ├── UnknownLaneError
 ├── UnknownSuiteError
@@ -50,6 +51,10 @@ class UnknownTownError(UnknownNameError, what="town"):
 
 class TownBuildError(NetworkError):
     """A drawn town cannot be built: SUMO's netconvert is missing, or a folder cannot be written."""
+
+
+class ImportTownError(NetworkError):
+    """A file cannot become a town; the message says why."""
 
 
 class UnknownApproachError(UnknownNameError, what="approach"):

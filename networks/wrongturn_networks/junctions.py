@@ -1,7 +1,7 @@
 """Junctions, and their approaches and exits as seen by a car that drives in."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -55,8 +55,6 @@ class Junction:
     id: str
     position: tuple[float, float]
     """Position of its node, metres."""
-    radius: float
-    """Radius of its rounded corners, metres."""
     area: BaseGeometry
     """The part of its shape that is road, without walking areas."""
     approaches: tuple[str, ...]
@@ -71,6 +69,17 @@ def direction_of(turn: float) -> Command:
     return Command.LEFT if turn > 0 else Command.RIGHT
 
 
-def arm_of(heading: float) -> str:
-    """Return the name of the arm by which a car with this heading (radians) drives in."""
-    return COMPASS[round(math.remainder(heading + math.pi, math.tau) / (math.pi / 2)) % 4]
+def arms_of(headings: Sequence[float]) -> list[str]:
+    """Return the names of a junction's arms, by which cars with these headings (radians) drive in.
+
+    Where two would have one name, the compass is turned so that it fits the arms best.
+    """
+    quarter = math.pi / 2
+
+    def names(turned: float) -> list[str]:
+        return [COMPASS[round((heading + math.pi - turned) / quarter) % 4] for heading in headings]
+
+    if len(set(names(0.0))) == len(headings):
+        return names(0.0)
+    across, along = (sum(part(4 * heading) for heading in headings) for part in (math.sin, math.cos))
+    return names(math.atan2(across, along) / 4)

@@ -31,12 +31,22 @@ class Lane:
     centreline: Line
     """(n, 2), metres, in the direction of travel."""
     polygon: Polygon
+    """Area of all car lanes of its direction."""
     start_junction: str | None
     """Junction where it begins; None at a dead end."""
     end_junction: str | None
     """Junction where it ends; None at a dead end."""
     opposite: str | None
-    """Id of the same street's lane in the opposite direction."""
+    """Id of the same street's lane in the opposite direction; None in a one-way street."""
+    axis: float
+    """Distance of the street's axis from the centre line, metres: positive, as it lies to the left, in right-hand
+    traffic; negative in left-hand traffic."""
+    kerb: float
+    """Distance of the kerb from the centre line, metres, on the side away from the axis."""
+    middle: Line
+    """(n, 2), metres: middle of all car lanes of its direction; the centre line itself if there is only one."""
+    breadth: float
+    """Width of all car lanes of its direction, metres."""
 
 
 def heading_of(piece: Line) -> float:

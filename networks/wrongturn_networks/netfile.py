@@ -3,9 +3,11 @@
 It uses the standard library's XML reader: sumolib takes four times as long and hides the walking areas.
 """
 
+import functools
 import hashlib
 import xml.etree.ElementTree as ET
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +25,8 @@ class NetLane:
     function: str
     """Function of its edge: ``normal``, ``internal``, ``walkingarea`` or ``crossing``."""
     cars: bool
+    walk: bool
+    """Whether pedestrians may use it."""
     width: float
     shape: Line
     """(n, 2), metres: the centre line, or a walking area's outline."""
@@ -34,6 +38,8 @@ class NetJunction:
 
     id: str
     position: tuple[float, float]
+    type: str
+    """SUMO's type, such as ``priority`` or ``traffic_light``."""
     shape: Line
     """Outline, (n, 2), metres."""
 
@@ -57,6 +63,32 @@ class Net:
     edges: dict[str, tuple[str, str]]
     """Start node and end node of each normal edge."""
     connections: tuple[NetConnection, ...]
+    left_hand: bool
+    """Whether traffic keeps to the left."""
+    roundabouts: frozenset[str]
+    """Ids of the junctions on roundabouts."""
+
+    def streets(self) -> dict[str, list[NetLane]]:
+        """Return the car lanes of each normal edge that has any, from the kerb to the street's axis."""
+        found: dict[str, list[NetLane]] = defaultdict(list)
+        for lane in self.lanes.values():
+            if lane.function == "normal" and lane.cars and len(lane.shape) > 1:
+                found[lane.edge].append(lane)
+        return found
+
+    @property
+    def crossed(self) -> list[str]:
+        """Ids of the nodes that have an area for cars."""
+        used = {node for edge in self.streets() for node in self.edges[edge]}
+        return [node for node, one in self.junctions.items() if node in used and len(one.shape) > 2]
+
+    @functools.cached_property
+    def onward(self) -> Mapping[str, list[NetConnection]]:
+        """Connections from each lane."""
+        found: dict[str, list[NetConnection]] = defaultdict(list)
+        for connection in self.connections:
+            found[connection.from_lane].append(connection)
+        return found
 
 
 def sha256_of(path: Path) -> str:
@@ -72,11 +104,11 @@ def shape_of(text: str) -> Line:
     return line
 
 
-def _cars_may_use(lane: ET.Element) -> bool:
+def _may_use(lane: ET.Element, who: str) -> bool:
     allow, disallow = lane.get("allow"), lane.get("disallow", "")
     if allow is not None:
-        return "passenger" in allow.split() or allow == "all"
-    return "passenger" not in disallow.split() and disallow != "all"
+        return who in allow.split() or allow == "all"
+    return who not in disallow.split() and disallow != "all"
 
 
 def read_net(path: Path) -> Net:
@@ -93,7 +125,8 @@ def read_net(path: Path) -> Net:
                 id=lane.attrib["id"],
                 edge=edge.attrib["id"],
                 function=function,
-                cars=_cars_may_use(lane),
+                cars=_may_use(lane, "passenger"),
+                walk=_may_use(lane, "pedestrian"),
                 width=float(lane.get("width", "3.2")),
                 shape=shape_of(lane.attrib["shape"]),
             )
@@ -101,12 +134,15 @@ def read_net(path: Path) -> Net:
         node.attrib["id"]: NetJunction(
             id=node.attrib["id"],
             position=(float(node.attrib["x"]), float(node.attrib["y"])),
+            type=node.attrib["type"],
             shape=shape_of(node.get("shape", "")) if node.get("shape") else np.empty((0, 2)),
         )
         for node in root.iter("junction")
         if node.attrib["type"] != "internal"
     }
-    return Net(lanes, junctions, edges, _connections(root, lanes))
+    on_roundabouts = {node for one in root.iter("roundabout") for node in one.get("nodes", "").split()}
+    left_hand = root.get("lefthand", "false") in {"true", "1"}
+    return Net(lanes, junctions, edges, _connections(root, lanes), left_hand, frozenset(on_roundabouts))
 
 
 def _connections(root: ET.Element, lanes: dict[str, NetLane]) -> tuple[NetConnection, ...]:
@@ -119,6 +155,8 @@ def _connections(root: ET.Element, lanes: dict[str, NetLane]) -> tuple[NetConnec
         start = f"{element.attrib['from']}_{element.attrib['fromLane']}"
         end = f"{element.attrib['to']}_{element.attrib['toLane']}"
         if start not in lanes or lanes[start].function != "normal" or not lanes[start].cars or not lanes[end].cars:
+            continue
+        if element.get("dir") == "t":  # turns round
             continue
         via: list[str] = []
         step: str | None = element.get("via")

@@ -1,5 +1,6 @@
 """Suites: versioned and immutable. A suite lists its trials, or the cells from which each evaluation draws its own."""
 
+import dataclasses
 import functools
 import hashlib
 import json
@@ -7,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 from wrongturn_networks.drawn import build_towns
@@ -15,6 +17,7 @@ from wrongturn_networks.errors import CorruptFileError, UnknownSuiteError
 from wrongturn_networks.loading import load_town
 from wrongturn_networks.shelf import Shelf
 from wrongturn_protocol import Cell, SuiteDetail, SuiteSummary, Track, Trial, TrialDetail, TrialList, twin_id
+from wrongturn_protocol.home import home
 
 SUITES: Final = Path(__file__).parent / "suites"
 
@@ -36,6 +39,8 @@ class Suite:
     """Trials without their twins, if the suite lists them."""
     cells: tuple[Cell, ...] = ()
     """Cells, if each evaluation draws its own trials."""
+    towns: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """Checksums of its towns that do not ship with this package, by their names."""
 
     def draw(self, secret: str) -> Draw:
         """Return the trials that a secret (any text) makes of the cells; the listed ones for a suite without cells.
@@ -163,6 +168,7 @@ def read_suite(path: Path) -> Suite:
             tracks=tuple(Track(track) for track in content["tracks"]),
             listed=tuple(Trial.model_validate(trial) for trial in content.get("trials", ())),
             cells=tuple(Cell.model_validate(cell) for cell in content.get("cells", ())),
+            towns=MappingProxyType({str(town): str(told) for town, told in content.get("towns", {}).items()}),
         )
     except CorruptFileError:
         raise
@@ -172,6 +178,12 @@ def read_suite(path: Path) -> Suite:
 
 def check_suite(suite: Suite) -> None:
     """Check that the trials of the open draw can be driven, unless towns have to be built. Raises NetworkError."""
+    for town, told in suite.towns.items():
+        if load_town(town).sha256 != told:
+            raise CorruptFileError(
+                f"suite {suite.id}: the town {town} is not the one that the suite was made for; bring that one "
+                "back, or make a suite with a new version"
+            )
     if suite.makes_towns:
         return
     from wrongturn_networks.faults import check_fault  # noqa: PLC0415 - loads all faults
@@ -189,4 +201,20 @@ def check_suite(suite: Suite) -> None:
 @functools.cache
 def shelf() -> Shelf[Suite]:
     """Return all suites by their ids."""
-    return Shelf("wrongturn.suites", SUITES.glob("*@*.json"), read_suite, UnknownSuiteError, check_suite)
+    return Shelf(
+        "wrongturn.suites",
+        SUITES.glob("*@*.json"),
+        read_suite,
+        UnknownSuiteError,
+        lambda: sorted((home() / "suites").glob("*@*.json")),
+        "WRONGTURN_SUITES",
+        check_suite,
+    )
+
+
+def suite_named(text: str) -> str:
+    """Return the id of the suite that a user names by its id or its file, which is then known by its id.
+
+    Raises NetworkError for a file that is no suite.
+    """
+    return shelf().name_of(text)

@@ -13,7 +13,7 @@ import typer
 from wrongturn_networks.draws import Draw, commitment_of
 from wrongturn_networks.errors import CommitmentError, SecretError
 from wrongturn_networks.loading import town_of, write_town
-from wrongturn_networks.suites import Suite, load_suite
+from wrongturn_networks.suites import Suite, load_suite, suite_named
 from wrongturn_protocol import Trial
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
 
@@ -27,7 +27,9 @@ def _hexadecimal(value: str | None) -> str | None:
 
 
 def trials(
-    suite: Annotated[str, typer.Argument(help="Id of the suite. Example: wrong-command@3")] = "wrong-command-unseen@1",
+    suite: Annotated[
+        str, typer.Argument(help="Id or file of the suite. Example: wrong-command@3")
+    ] = "wrong-command-unseen@1",
     secret: Annotated[
         str | None,
         typer.Option(
@@ -62,7 +64,7 @@ def trials(
     The JSON of --json has every field of the trials and twins. Towns that the secret makes are built first.
     """
     check_json_file(json_to)
-    chosen = load_suite(suite)
+    chosen = load_suite(suite_named(suite))
     if commitment is not None:
         _check(secret, commitment)
     draw = _drawn(chosen, secret) if towns is None else _with_towns(chosen, secret, towns)
@@ -92,7 +94,10 @@ def _with_towns(suite: Suite, secret: str | None, folder: Path) -> Draw:
         if folder.exists() and any(folder.iterdir()):
             raise typer.BadParameter(f"{folder} is not empty; name a new folder", param_hint="--towns")
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory() as scratch, _home(scratch):
+        with (
+            tempfile.TemporaryDirectory() as scratch,
+            _home(scratch) if suite.makes_towns else contextlib.nullcontext(),
+        ):
             draw = _drawn(suite, secret)
             for town in dict.fromkeys(map(town_of, draw.trials)):
                 write_town(town, folder / town.name)

@@ -77,6 +77,8 @@ class JudgeGeometry:
     """Car lanes that begin or end at the junction."""
     other_areas: tuple[BaseGeometry, ...] = ()
     """Areas of the town's other junctions."""
+    width: float | None = None
+    """Width of the approach's lane; None for a lane that reaches to the street's axis."""
     solids: Floats = dataclasses.field(default_factory=lambda: np.empty((0, 5)))
     """(n, 5): x, y, yaw, length, width of every solid box, trunks included."""
     town_sha256: str | None = None
@@ -105,7 +107,7 @@ class JudgeGeometry:
             (self.area, *self.other_areas),
             [(lane.polygon, lane.centreline) for lane in self.lanes],
             self.approach,
-            2 * abs(self.street_axis),  # right-hand traffic: the street's axis is the lane's left side
+            2 * abs(self.street_axis) if self.width is None else self.width,
             [(lane.centreline, lane.width) if lane else None for lane in lanes_of_exits],
         )
 
@@ -160,12 +162,13 @@ def _geometry_of(town: Town, approach_id: str) -> JudgeGeometry:
         approach=lane.centreline,
         exits=MappingProxyType(
             {
-                direction: ExitLane(town.lanes[leaving.lane].centreline, town.lanes[leaving.lane].width)
+                direction: ExitLane(town.lanes[leaving.lane].middle, town.lanes[leaving.lane].breadth)
                 for direction, leaving in approach.exits.items()
             }
         ),
         middle=(float(junction.position[0]), float(junction.position[1])),
-        street_axis=lane.width / 2,  # right-hand traffic: the street's axis is the lane's left side
+        street_axis=lane.axis,
+        width=lane.width,
         lanes=tuple(
             LaneStrip(one.polygon, one.centreline)
             for one in town.lanes.values()

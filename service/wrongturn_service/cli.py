@@ -46,6 +46,18 @@ def serve(
             show_default=False,
         ),
     ] = None,
+    suites: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--suite", metavar="FILE", help="File of a suite of your own; can be repeated. Example: --suite mine@1.json"
+        ),
+    ] = None,
+    towns: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--town", metavar="FOLDER", help="Folder of a town of your own; can be repeated. Example: --town village"
+        ),
+    ] = None,
 ) -> None:
     """Run the service until SIGTERM or Ctrl-C.
 
@@ -58,6 +70,13 @@ def serve(
     from wrongturn_service.address import AddressError, bind  # noqa: PLC0415
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
 
+    if towns or suites:
+        from wrongturn_networks.loading import town_named  # noqa: PLC0415
+        from wrongturn_networks.suites import suite_named  # noqa: PLC0415
+
+        for names, named in ((towns or (), town_named), (suites or (), suite_named)):
+            for name in names:
+                named(name)
     settings = read_settings(host=host, port=port, database=database)
     from wrongturn_service.storage.location import parse  # noqa: PLC0415 - imports SQLAlchemy
 

@@ -19,6 +19,8 @@ from wrongturn_networks import (
     load_town,
 )
 from wrongturn_networks.faults import FaultNotApplicableError, check_fault, fault_class
+from wrongturn_networks.loading import town_named
+from wrongturn_networks.suites import suite_named
 from wrongturn_protocol import OptionError, Task, Trial, TrialOptions, Weather
 from wrongturn_protocol.observations import IMAGE_SHAPE
 from wrongturn_protocol.trial_options import DEFAULT_TOWN, no_option
@@ -73,6 +75,10 @@ class TrialSource:
         if options.task is not None and options.town is None:
             raise OptionError("task: journeys are drawn in a town; name one, and leave suite and trial out")
         fault_class(options.fault.kind)
+        if options.suite is not None:
+            options = replace(options, suite=suite_named(options.suite))
+        if options.town is not None and town is None:
+            options = replace(options, town=town_named(options.town))
         self._options = options
         self._suite = None if options.suite is None else load_suite(options.suite)
         self._town = town or (None if options.town is None else load_town(options.town))

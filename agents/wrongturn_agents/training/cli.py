@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from wrongturn_agents.suites import WRONG_COMMAND
+from wrongturn_agents.suites import WRONG_COMMAND, suite_named
 from wrongturn_agents.training.errors import TrainingError, require_extra
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
 
@@ -189,6 +189,7 @@ def score(
             "service with `wrongturn run AGENT --suite navigation@1 --task navigation_dynamic --json FILE`"
         )
     check_json_file(json_to)
+    suite = suite_named(suite)
     begin = time.monotonic()
     if _is_agent(checkpoint):
         if device not in {"auto", "cpu"}:

@@ -28,21 +28,32 @@ TURN: Final = {Command.LEFT: math.pi / 2, Command.RIGHT: -math.pi / 2, Command.S
 BACKDROPS: Final = ("wall", "hedge", "house", "open", "trees", "fence")
 
 
-def place_scenery(town: Town, seed: int, styles: Sequence[Style] | None = None) -> tuple[SceneryObject, ...]:
+Built = tuple[SceneryKind, float, float, float, tuple[float, float, float]]
+"""Kind, x, y, yaw and length, width, height of an object; metres, radians."""
+
+
+def place_scenery(
+    town: Town, seed: int, styles: Sequence[Style] | None = None, built: Sequence[Built] = ()
+) -> tuple[SceneryObject, ...]:
     """Return scenery for a town, off the road, sidewalks and other objects; the same seed gives the same scenery.
 
-    Each side of each street has one of the styles. Without styles, the seed draws some.
+    Each side of each street has one of the styles. Without styles, the seed draws some. What is ``built`` has its place
+    before all others.
     """
     draw = random.Random(seed if styles else f"scenery {seed}")
     chosen = styles or [drawn_style(draw) for _ in range(OF_A_TOWN)]
     placer = _Placer(town, draw)
+    for one in built:
+        placer.put(*one)
     # The three approaches of a T-junction lack the same arm, so each junction gets one backdrop.
     lacking = {a.junction: a for a in town.approaches.values() if a.type.missing is not None}
     for number, approach in enumerate(lacking.values()):
         placer.behind(approach, number)
-    for lane in town.lanes.values():
-        style = chosen[0] if len(chosen) == 1 else draw.choice(chosen)
-        placer.along(lane.centreline, lane.width, style)
+    for lane in {lane.edge: lane for lane in town.lanes.values()}.values():
+        # Each lane has its own side of the street; the only lane of a one-way street has both.
+        for side in (lane.axis,) if lane.opposite is not None else (lane.axis, -lane.axis):
+            style = chosen[0] if len(chosen) == 1 else draw.choice(chosen)
+            placer.along(lane.centreline, lane.kerb if side == lane.axis else abs(side), side > 0.0, style)
     return tuple(placer.placed)
 
 
@@ -125,8 +136,8 @@ class _Placer:
             reach += 0.25
         return reach
 
-    def along(self, centreline: Line, width: float, style: Style) -> None:
-        """Place houses, walls, hedges and trees on the right of a lane."""
+    def along(self, centreline: Line, kerb: float, right: bool, style: Style) -> None:
+        """Place houses, walls, hedges and trees on a side of a lane, whose kerb is so far from its middle, metres."""
         draw = self.draw
         position, travelled = 0, draw.uniform(2.0, 6.0)
         steps = [math.dist(a, b) for a, b in pairwise(centreline)]
@@ -141,14 +152,18 @@ class _Placer:
             yaw = math.atan2(y1 - y0, x1 - x0)
             share = (travelled - walked) / steps[position]
             x, y = x0 + share * (x1 - x0), y0 + share * (y1 - y0)
-            travelled += self._beside(x, y, yaw, width / 2 + 2.5 + MARGIN, style)
+            travelled += self._beside(x, y, yaw, math.copysign(kerb + 2.5 + MARGIN, 1 if right else -1), style)
 
     def _beside(self, x: float, y: float, yaw: float, kerb: float, style: Style) -> float:
-        """Place something on the right of a point of a lane, and return the metres to the next point."""
+        """Place something beside a point of a lane, and return the metres to the next point.
+
+        ``kerb`` is positive on the right and negative on the left.
+        """
         draw = self.draw
+        side, kerb = math.copysign(1.0, kerb), abs(kerb)
 
         def right(distance: float) -> tuple[float, float]:
-            return x + distance * math.sin(yaw), y - distance * math.cos(yaw)
+            return x + side * distance * math.sin(yaw), y - side * distance * math.cos(yaw)
 
         what = draw.random()
         if what < style.houses:

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
-from wrongturn_networks.draws import possible_trials
+from wrongturn_networks.draws import is_drawn_cell, possible_trials
 from wrongturn_networks.faults import check_fault
+from wrongturn_networks.loading import TOWNS, load_town
 from wrongturn_networks.suites import canonical
 from wrongturn_protocol import Cell, Track, Trial
 
@@ -47,11 +48,14 @@ def suite_text(suite_id: str, title: str, content: Content, tracks: Sequence[Tra
         trials: Iterable[Trial] = possible_trials(one) if isinstance(one, Cell) else (one,)
         for trial in trials:
             check_fault(trial)
+    places = sorted({one.town for one in content if not (isinstance(one, Cell) and is_drawn_cell(one))})
+    towns = {town: load_town(town).sha256 for town in places if not (TOWNS / town).is_dir()}
     told = {
         "name": name,
         "version": int(version),
         "title": title,
         "tracks": [str(track) for track in tracks],
+        **({"towns": towns} if towns else {}),
         "cells" if isinstance(content[0], Cell) else "trials": [one.model_dump(mode="json") for one in content],
     }
     return json.dumps({"sha256": hashlib.sha256(canonical(told)).hexdigest(), **told}, indent=1) + "\n"

@@ -11,6 +11,7 @@ from rich.table import Table
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import resolve, with_absolute_file
 from wrongturn_client.tables import console, plain_table
+from wrongturn_networks.loading import town_named
 from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, write_json
 from wrongturn_protocol.trial_options import DEFAULT_TOWN
@@ -67,7 +68,7 @@ def dose(
         low=asked.low,
         high=asked.high,
         unit=asked.unit,
-        towns=tuple(dict.fromkeys(towns or (DEFAULT_TOWN,))),
+        towns=tuple(dict.fromkeys(map(town_named, towns or (DEFAULT_TOWN,)))),
         types=tuple(dict.fromkeys(types or PAPER_TYPES)),
         seed=seed,
         counted=core.counted_by(fault),

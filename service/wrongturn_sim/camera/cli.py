@@ -7,7 +7,9 @@ import typer
 
 
 def picture(
-    town: Annotated[str, typer.Argument(help="Name of the town; 'wrongturn towns' lists them. Example: Town01")],
+    town: Annotated[
+        str, typer.Argument(help="Name or folder of the town; 'wrongturn towns' lists them. Example: Town01")
+    ],
     approach: Annotated[
         str, typer.Argument(help="Approach in that town; 'wrongturn towns Town01' lists them. Example: J1-N")
     ],
@@ -32,12 +34,12 @@ def picture(
     import cv2  # noqa: PLC0415
     import numpy as np  # noqa: PLC0415
 
-    from wrongturn_networks import load_town  # noqa: PLC0415
+    from wrongturn_networks.catalogue import find_town  # noqa: PLC0415
     from wrongturn_sim.camera import Renderer, World  # noqa: PLC0415
     from wrongturn_sim.camera.palette import PALETTE, pose_before  # noqa: PLC0415
 
     try:
-        built = load_town(town)
+        built = find_town(town)
         # NaN fails this check too.
         if not abs(distance) <= 1000:
             raise ValueError(f"distance: is {distance:g}; give metres, -1000 to 1000")

@@ -105,7 +105,7 @@ def centre_lines(lanes: Any) -> Iterator[BaseGeometry]:
     for lane in lanes:
         if lane.opposite is None or lane.id > lane.opposite:
             continue
-        line = LineString(lane.centreline).offset_curve(lane.width / 2)
+        line = LineString(lane.centreline).offset_curve(lane.axis)
         length = line.length
         first = min(SOLID_NEAR_JUNCTION, length) if lane.start_junction else 0.0
         last = max(length - SOLID_NEAR_JUNCTION, first) if lane.end_junction else length
@@ -121,7 +121,8 @@ def centre_lines(lanes: Any) -> Iterator[BaseGeometry]:
 
 def edge_line(lane: Lane) -> BaseGeometry:
     """Return the line along the kerb."""
-    return _strip(LineString(lane.centreline).offset_curve(EDGE_OFFSET - lane.width / 2))
+    side = math.copysign(1.0, lane.axis)
+    return _strip(LineString(lane.centreline).offset_curve(side * (EDGE_OFFSET - lane.kerb)))
 
 
 _CORNERS: Final = np.array([(0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5)])
