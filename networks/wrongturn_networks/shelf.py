@@ -55,10 +55,11 @@ class Shelf(Generic[_T]):
         for paths in (self._shipped, self._others):
             if name in tuple(paths):
                 return self._read(paths[name])
-        if (path := self._own().get(name)) is not None:
-            if (flaw := self._flaw(path)) is not None:
+        own = self._own()
+        if name in tuple(own):
+            if (flaw := self._flaw(own[name])) is not None:
                 raise CorruptFileError(flaw)
-            return self._read(path)
+            return self._read(own[name])
         raise self._unknown(name, self.names())
 
     def name_of(self, text: str) -> str:

@@ -71,12 +71,10 @@ def serve(
     from wrongturn_service.errors import StartupError  # noqa: PLC0415
 
     if towns or suites:
-        from wrongturn_networks.loading import town_named  # noqa: PLC0415
-        from wrongturn_networks.suites import suite_named  # noqa: PLC0415
+        from wrongturn_networks.catalogue import find_suite, find_town  # noqa: PLC0415
 
-        for names, named in ((towns or (), town_named), (suites or (), suite_named)):
-            for name in names:
-                named(name)
+        names = [*(find_town(town).name for town in towns or ()), *(find_suite(suite).id for suite in suites or ())]
+        typer.echo(f"with {', '.join(names)}", err=True)
     settings = read_settings(host=host, port=port, database=database)
     from wrongturn_service.storage.location import parse  # noqa: PLC0415 - imports SQLAlchemy
 

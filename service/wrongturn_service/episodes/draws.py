@@ -32,7 +32,7 @@ _LONGEST_S: Final = 600.0
 """Seconds after which a process that builds towns is ended."""
 _LOOK_S: Final = 0.5
 _COMMAND: Final = (sys.executable, "-m", "wrongturn_service.episodes.towns")
-_PASSED_ON: Final = ("NUMBA_CACHE_DIR", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
+_PASSED_ON: Final = ("NUMBA_CACHE_DIR", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "WRONGTURN_TOWNS", "WRONGTURN_SUITES")
 _Key = tuple[str, str]
 """Id of a suite and a secret; or an empty id and the names of towns."""
 

@@ -22,6 +22,8 @@ COMMAND = (sys.executable, "-m", "wrongturn_service.simulators")
 """Command of a simulator process; :meth:`LocalStarter.start` adds its arguments."""
 _PASSED_ON: Final = (
     "WRONGTURN_HOME",
+    "WRONGTURN_TOWNS",
+    "WRONGTURN_SUITES",
     "WRONGTURN_KERNELS",
     "SUMO_HOME",
     "NUMBA_CACHE_DIR",
