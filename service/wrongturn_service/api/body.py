@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Sequence
 from functools import lru_cache
 from typing import TypeVar
 
@@ -58,26 +58,39 @@ async def _read(request: Request, limit: int) -> bytes:
     if length.isdecimal() and int(length[:20]) > limit:
         raise _too_large(limit)
     pieces = bytearray()
-    patience: float = request.app.state.service.settings.slow_client_s
-    loop = asyncio.get_running_loop()
-    enough = PROGRESS
-    try:
-        async with asyncio.timeout(patience) as alarm:
-            async for piece in request.stream():
-                pieces += piece
-                if len(pieces) > limit:
-                    raise _too_large(limit)
-                if len(pieces) >= enough:
-                    enough = len(pieces) + PROGRESS
-                    alarm.reschedule(loop.time() + patience)
-    except TimeoutError:
-        raise ServiceError(
-            ProblemType.REQUEST_TIMEOUT,
-            f"the body did not arrive completely within {patience:g} s",
-            status=408,
-            headers={"Connection": "close"},
-        ) from None
+    async for piece in in_time(request.stream(), request.app.state.service.settings.slow_client_s):
+        pieces += piece
+        if len(pieces) > limit:
+            raise _too_large(limit)
     return bytes(pieces)
+
+
+async def in_time(body: AsyncIterator[bytes], patience_s: float) -> AsyncIterator[bytes]:
+    """Yield the pieces of a body. Only waiting for the client counts, not what is done with a piece.
+
+    Raises ServiceError (408) if the client sends less than :data:`PROGRESS` bytes within the time.
+    """
+    loop = asyncio.get_running_loop()
+    left, moved = patience_s, 0
+    while True:
+        began = loop.time()
+        try:
+            async with asyncio.timeout(left):
+                piece = await anext(body, None)
+        except TimeoutError:
+            raise ServiceError(
+                ProblemType.REQUEST_TIMEOUT,
+                f"the body came too slowly: {PROGRESS} bytes have to come within {patience_s:g} s",
+                status=408,
+                headers={"Connection": "close"},
+            ) from None
+        if piece is None:
+            return
+        left -= loop.time() - began
+        moved += len(piece)
+        if moved >= PROGRESS:
+            left, moved = patience_s, 0
+        yield piece
 
 
 def _too_large(limit: int) -> ServiceError:

@@ -24,28 +24,19 @@ def load() -> list[dict[str, Any]]:
     return found
 
 
-def shown() -> dict[str, dict[str, Any]]:
-    """Return the example that is shown for each call, by method and path."""
-    return {example["call"]: example for example in reversed(load()) if "accept" not in example}
-
-
 def add_examples(paths: dict[str, Any]) -> None:
     """Add an example of parameters, request and reply to each operation of an OpenAPI document that has one."""
-    for call, example in shown().items():
-        method, path = call.split()
+    for example in reversed(load()):  # of several for a call, the first is shown
+        method, path = example["call"].split()
         operation = paths[path][method.lower()]
-        parameters = example.get("parameters", {})
-        for parameter in operation.get("parameters", []):
-            if parameter["name"] in parameters:
-                parameter["example"] = parameters[parameter["name"]]
-        if "request" in example:
-            operation["requestBody"]["content"]["application/json"]["example"] = example["request"]
         if "reply" in example:
             content = operation["responses"][str(example["status"])]["content"]
-            media = next(media for media in content if media != "application/msgpack")
+            media = example.get("accept") or next(media for media in content if media != "application/msgpack")
             content[media]["example"] = example["reply"]
-    for example in load():
-        if "accept" in example:
-            method, path = example["call"].split()
-            replies = paths[path][method.lower()]["responses"]
-            replies[str(example["status"])]["content"][example["accept"]]["example"] = example["reply"]
+        if "accept" not in example:
+            parameters = example.get("parameters", {})
+            for parameter in operation.get("parameters", []):
+                if parameter["name"] in parameters:
+                    parameter["example"] = parameters[parameter["name"]]
+            if "request" in example:
+                operation["requestBody"]["content"]["application/json"]["example"] = example["request"]

@@ -16,9 +16,9 @@ from typing import Final, TypeVar
 import structlog
 
 from wrongturn_protocol import ProblemType
+from wrongturn_service.api.body import in_time
 from wrongturn_service.episodes.open_episode import stopping
 from wrongturn_service.errors import ServiceError, UnavailableError, too_many
-from wrongturn_service.socket.guards import PROGRESS
 from wrongturn_service.submissions.files import ArrivingModel, ModelFiles
 from wrongturn_service.submissions.form import AROUND, Form, boundary_of, too_large
 
@@ -135,31 +135,9 @@ class Uploads:
 
 
 async def _parts(body: AsyncIterator[bytes], patience_s: float) -> AsyncIterator[bytes]:
-    """Yield a body in large parts.
-
-    Raises ServiceError if the client sends less than :data:`PROGRESS` bytes within the time. Only waiting for it
-    counts.
-    """
-    loop = asyncio.get_running_loop()
+    """Yield a body in large parts. Raises ServiceError if the client is too slow."""
     part = bytearray()
-    left, moved = patience_s, 0
-    while True:
-        began = loop.time()
-        try:
-            async with asyncio.timeout(left):
-                piece = await anext(body, None)
-        except TimeoutError:
-            raise ServiceError(
-                ProblemType.REQUEST_TIMEOUT,
-                f"the body came too slowly: {PROGRESS} bytes have to come within {patience_s:g} s",
-                status=408,
-            ) from None
-        if piece is None:
-            break
-        left -= loop.time() - began
-        moved += len(piece)
-        if moved >= PROGRESS:
-            left, moved = patience_s, 0
+    async for piece in in_time(body, patience_s):
         part += piece
         if len(part) >= _PART:
             yield bytes(part)

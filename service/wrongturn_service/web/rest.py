@@ -8,7 +8,7 @@ import asyncio
 import json
 import re
 import shlex
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from fastapi import APIRouter, Request, Response
 from markupsafe import Markup, escape
@@ -19,31 +19,6 @@ from wrongturn_service.web.page import page, public_url, templates
 
 router = APIRouter(include_in_schema=False)
 _CODE: Final = re.compile(r":\w+:`~?(?:[\w.]*\.)?(\w+)`|``(.+?)``|`(.+?)`")
-
-
-class Call(NamedTuple):
-    """One operation of the document."""
-
-    id: str
-    method: str
-    path: str
-    operation: dict[str, Any]
-    lead: str
-    """First sentence of the description."""
-    needs_token: bool
-    """Whether it always needs a token."""
-    media: str | None
-    """Media type of the body that the form sends."""
-    body: dict[str, Any]
-    """Schema and example of the body; empty without one."""
-    status: str
-    """Status of a good reply."""
-    reply: dict[str, Any]
-    """Schema and example of a good reply; empty without one."""
-    refusals: dict[str, str]
-    """Meaning of each refusal, by status."""
-    curl: str
-    """The example's request as a command."""
 
 
 @router.api_route("/docs", methods=["GET", "HEAD"])
@@ -73,53 +48,52 @@ def _calls(document: bytes) -> Markup:
     return Markup(text)  # noqa: S704 -- rendered with autoescape
 
 
-def _groups(paths: dict[str, Any]) -> dict[str, list[Call]]:
+def _groups(paths: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
     """Return the calls by tag, in the order of the page."""
-    found: dict[str, list[Call]] = {tag: [] for tag in WORDS["groups"]}
+    found: dict[str, list[dict[str, Any]]] = {tag: [] for tag in WORDS["groups"]}
     for path, operations in paths.items():
         for method, operation in operations.items():
             found.setdefault(operation["tags"][0], []).append(_call(method.upper(), path, operation))
     for calls in found.values():
-        calls.sort(key=lambda call: (call.path.count("/"), call.path, call.method != "POST"))
+        calls.sort(key=lambda call: (call["path"].count("/"), call["path"], call["method"] != "POST"))
     return {tag: calls for tag, calls in found.items() if calls}
 
 
-def _call(method: str, path: str, operation: dict[str, Any]) -> Call:
-    security, body = operation.get("security", []), operation.get("requestBody", {})
-    replies = operation["responses"]
+def _call(method: str, path: str, operation: dict[str, Any]) -> dict[str, Any]:
+    """Return what the page shows of a call: its operation, and what can be read off it."""
+    security, replies = operation.get("security", []), operation["responses"]
     status = next(status for status in replies if status < "300")
-    return Call(
-        id=re.sub(r"\W+", "-", f"{method} {path}").strip("-").lower(),
-        method=method,
-        path=path,
-        operation=operation,
-        lead=re.split(r"(?<=\.)\s", str(operation["description"]), maxsplit=1)[0],
-        needs_token=bool(security) and {} not in security,
-        media=_media(body),
-        body=_content(body),
-        status=status,
-        reply=_content(replies[status]),
-        refusals={status: reply["description"] for status, reply in replies.items() if status >= "400"},
-        curl=_curl(method, path, operation),
-    )
+    media, body = _content(operation.get("requestBody", {}))
+    return {
+        "id": re.sub(r"\W+", "-", f"{method} {path}").strip("-").lower(),
+        "method": method,
+        "path": path,
+        "operation": operation,
+        "lead": re.split(r"(?<=\.)\s", str(operation["description"]), maxsplit=1)[0],
+        "needs_token": bool(security) and {} not in security,
+        "media": media,
+        "body": body,
+        "status": status,
+        "reply": _content(replies[status])[1],
+        "refusals": {status: reply["description"] for status, reply in replies.items() if status >= "400"},
+        "curl": _curl(method, path, operation, media, body.get("example")),
+    }
 
 
-def _curl(method: str, path: str, operation: dict[str, Any]) -> str:
+def _curl(method: str, path: str, operation: dict[str, Any], media: str | None, example: Any) -> str:
+    """Return a call with the values of its example as a command."""
     query = []
     for parameter in operation.get("parameters", []):
-        if "example" not in parameter:
-            continue
-        if parameter["in"] == "path":
-            path = path.replace(f"{{{parameter['name']}}}", str(parameter["example"]))
-        elif parameter["in"] == "query":
-            query.append(f"{parameter['name']}={str(parameter['example']).replace(' ', '+')}")
+        if "example" in parameter:
+            value = str(parameter["example"])
+            path = path.replace(f"{{{parameter['name']}}}", value)
+            if parameter["in"] == "query":
+                query.append(f"{parameter['name']}={value.replace(' ', '+')}")
     url = f"$WRONGTURN_URL{path}" + (f"?{'&'.join(query)}" if query else "")
     lines = [f'curl -X {method} "{url}"' if method != "GET" else f'curl "{url}"']
     if operation.get("security"):
         lines.append('-H "Authorization: Bearer $WRONGTURN_TOKEN"')
-    body = operation.get("requestBody", {})
-    example: Any = _content(body).get("example")
-    if _media(body) == "multipart/form-data":
+    if media == "multipart/form-data":
         lines += [
             f"-F {name}={'@my_agent.onnx' if name == 'model' else shlex.quote(example[name])}" for name in example
         ]
@@ -128,14 +102,11 @@ def _curl(method: str, path: str, operation: dict[str, Any]) -> str:
     return " \\\n  ".join(lines)
 
 
-def _media(part: dict[str, Any]) -> str | None:
-    """Return the media type of a body or reply that people read."""
-    return next((media for media in part.get("content", {}) if media != "application/msgpack"), None)
-
-
-def _content(part: dict[str, Any]) -> dict[str, Any]:
-    media = _media(part)
-    return {} if media is None else part["content"][media]
+def _content(part: dict[str, Any]) -> tuple[str | None, dict[str, Any]]:
+    """Return the media type of a body or reply that people read, with its schema and example; None without any."""
+    contents = part.get("content", {})
+    media = next((media for media in contents if media != "application/msgpack"), None)
+    return media, contents.get(media, {})
 
 
 def _pretty(value: Any) -> str:
