@@ -39,24 +39,21 @@ def _answering(answer: Any) -> httpx.MockTransport:
     return httpx.MockTransport(handle)
 
 
-def test_token_and_url_come_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_token_and_url_come_from_the_environment(monkeypatch: pytest.MonkeyPatch, fake: FakeService) -> None:
     monkeypatch.setenv("WRONGTURN_URL", "http://there:1234/")
     monkeypatch.setenv("WRONGTURN_TOKEN", "secret")
-    service = FakeService()
-    with Client(transport=service.transport) as client:
+    with Client(transport=fake.transport) as client:
         assert client.url == "http://there:1234"
         client.suites()
-    (request,) = service.requests
+    (request,) = fake.requests
     assert str(request.url) == "http://there:1234/v1/suites"
     assert request.headers["authorization"] == "Bearer secret"
 
 
-def test_without_a_token_none_is_sent() -> None:
-    service = FakeService()
-    with Client("http://fake", transport=service.transport) as client:
-        assert [agent.name for agent in client.agents()] == ["me"]
-        assert client.ready()
-    assert all("authorization" not in request.headers for request in service.requests)
+def test_without_a_token_none_is_sent(fake: FakeService, client: Client) -> None:
+    assert [agent.name for agent in client.agents()] == ["me"]
+    assert client.ready()
+    assert all("authorization" not in request.headers for request in fake.requests)
 
 
 @pytest.mark.parametrize("url", ["nowhere", "ftp://a", "http://", "http://[", "127.0.0.1:8000"])
@@ -65,18 +62,16 @@ def test_a_url_that_is_none_is_named(url: str) -> None:
         Client(url)
 
 
-def test_a_service_at_a_path_keeps_it() -> None:
-    service = FakeService()
-    with Client("http://fake/wrongturn", transport=service.transport) as client, pytest.raises(NotFoundError):
+def test_a_service_at_a_path_keeps_it(fake: FakeService) -> None:
+    with Client("http://fake/wrongturn", transport=fake.transport) as client, pytest.raises(NotFoundError):
         client.suites()
-    assert service.requests[0].url.path == "/wrongturn/v1/suites"
+    assert fake.requests[0].url.path == "/wrongturn/v1/suites"
 
 
-def test_names_in_paths_are_quoted() -> None:
-    service = FakeService()
-    with Client("http://fake", transport=service.transport) as client, pytest.raises(NotFoundError):
+def test_names_in_paths_are_quoted(fake: FakeService, client: Client) -> None:
+    with pytest.raises(NotFoundError):
         client.suite("../a b?/ä")
-    assert service.requests[0].url.raw_path == b"/v1/suites/..%2Fa%20b%3F%2F%C3%A4"
+    assert fake.requests[0].url.raw_path == b"/v1/suites/..%2Fa%20b%3F%2F%C3%A4"
 
 
 def test_practice_gives_reward_and_verdict() -> None:
@@ -104,14 +99,14 @@ def test_practice_gives_reward_and_verdict() -> None:
     ]
 
 
-def test_a_repeated_creation_carries_the_same_key_and_another_creation_another() -> None:
-    service = FakeService()
+def test_a_repeated_creation_carries_the_same_key_and_another_creation_another(
+    fake: FakeService, client: Client
+) -> None:
     broken = [httpx.ReadError("reset")]
-    service.after = lambda request: broken.pop() if broken else None
-    with Client("http://fake", transport=service.transport) as client:
-        client.register("one", Track.PRIVILEGED)
-        client.register("two", Track.PRIVILEGED)
-    keys = [request.headers["idempotency-key"] for request in service.requests]
+    fake.after = lambda request: broken.pop() if broken else None
+    client.register("one", Track.PRIVILEGED)
+    client.register("two", Track.PRIVILEGED)
+    keys = [request.headers["idempotency-key"] for request in fake.requests]
     assert keys[0] == keys[1]
     assert keys[1] != keys[2]
 
@@ -128,63 +123,62 @@ def test_a_registration_that_is_not_valid_is_told_in_a_line(name: str, track: st
         client.register(name, track)
 
 
-def test_an_owner_registers_and_renews_its_token() -> None:
-    service = FakeService()
-    with Client("http://fake", transport=service.transport) as client:
-        owner = client.register_owner("us", contact="us@example.org")
-        assert (owner.name, owner.token) == ("us", "theirs")
-        assert json.loads(service.requests[-1].content) == {"name": "us", "contact": "us@example.org"}
-        assert client.owner(owner.id) in client.owners()
-        assert client.rotate_owner_token(owner.id).token == "theirs"
-        client.revoke_owner_token(owner.id)
-    assert service.paths("DELETE") == ["/v1/owners/o1/token"]
+def test_an_owner_registers_and_renews_its_token(fake: FakeService, client: Client) -> None:
+    owner = client.register_owner("us", contact="us@example.org")
+    assert (owner.name, owner.token) == ("us", "theirs")
+    assert json.loads(fake.requests[-1].content) == {"name": "us", "contact": "us@example.org"}
+    assert client.owner(owner.id) in client.owners()
+    assert client.rotate_owner_token(owner.id).token == "theirs"
+    client.revoke_owner_token(owner.id)
+    assert fake.paths("DELETE") == ["/v1/owners/o1/token"]
 
 
 @pytest.mark.parametrize(("told", "simulators"), [({"simulators": 3}, 3), ({}, None), ({"simulators": "many"}, None)])
-def test_a_ready_service_tells_its_simulators_or_nothing(told: dict[str, Any], simulators: int | None) -> None:
-    service = FakeService()
-    service.inject = lambda _: httpx.Response(200, json={"status": "ok", **told})
-    with Client("http://fake", transport=service.transport) as client:
-        assert client.simulators() == simulators
-    assert service.paths("GET") == ["/health/ready"]
+def test_a_ready_service_tells_its_simulators_or_nothing(
+    told: dict[str, Any], simulators: int | None, fake: FakeService, client: Client
+) -> None:
+    fake.inject = lambda _: httpx.Response(200, json={"status": "ok", **told})
+    assert client.simulators() == simulators
+    assert fake.paths("GET") == ["/health/ready"]
 
 
-def test_a_first_contact_is_given_up_soon(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_first_contact_is_given_up_soon(monkeypatch: pytest.MonkeyPatch, fake: FakeService) -> None:
     clock = [0.0]
     monkeypatch.setattr("wrongturn_client.transport.time.monotonic", lambda: clock[0])
     monkeypatch.setattr("wrongturn_client.transport.time.sleep", lambda s: clock.__setitem__(0, clock[0] + s))
-    service = FakeService()
-    with Client("http://fake", transport=service.transport, patience=60) as client:
-        service.inject = lambda _: httpx.ConnectError("refused")
+    with Client("http://fake", transport=fake.transport, patience=60) as client:
+        fake.inject = lambda _: httpx.ConnectError("refused")
         with pytest.raises(ServiceUnreachableError):
             client.suites()
         assert 3 < clock[0] <= 5
-        service.inject = None
+        fake.inject = None
         client.suites()
         clock[0] = 0.0
-        service.inject = lambda _: httpx.ConnectError("refused")
+        fake.inject = lambda _: httpx.ConnectError("refused")
         with pytest.raises(ServiceUnreachableError):
             client.suites()
         assert 50 < clock[0] <= 60, "a service that has answered before may be starting again"
 
 
 def test_it_is_told_once_that_a_service_is_waited_for(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    capsys: pytest.CaptureFixture[str],
+    fake: FakeService,
 ) -> None:
     monkeypatch.setattr("wrongturn_client.transport.time.sleep", lambda _: None)
     monkeypatch.setattr("wrongturn_client.transport.time.monotonic", lambda: 0.0)
     caplog.set_level("INFO", logger="wrongturn_client")
-    service = FakeService()
 
     def outage(times: int) -> list[str]:
         """What is logged when so many attempts break."""
         broken = [httpx.ConnectError("refused")] * times
-        service.inject = lambda _: broken.pop() if broken else None
+        fake.inject = lambda _: broken.pop() if broken else None
         caplog.clear()
         client.suites()
         return [record.getMessage() for record in caplog.records if record.name == "wrongturn_client"]
 
-    with Client("http://fake", transport=service.transport, patience=30) as client:
+    with Client("http://fake", transport=fake.transport, patience=30) as client:
         assert outage(0) == outage(1) == []
         for _ in range(2):
             waits, again = outage(4)
@@ -193,24 +187,21 @@ def test_it_is_told_once_that_a_service_is_waited_for(
     assert capsys.readouterr() == ("", "")
 
 
-def test_retry_after_is_honoured(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_retry_after_is_honoured(monkeypatch: pytest.MonkeyPatch, fake: FakeService, client: Client) -> None:
     pauses: list[float] = []
     monkeypatch.setattr("wrongturn_client.transport.time.sleep", pauses.append)
-    service = FakeService()
     answers = [problem(ProblemType.SHUTTING_DOWN, 503, headers={"retry-after": s}) for s in ("7", "3")]
-    service.inject = lambda _: answers.pop() if answers else None
-    with Client("http://fake", transport=service.transport) as client:
-        client.suites()
+    fake.inject = lambda _: answers.pop() if answers else None
+    client.suites()
     assert pauses == [3.0, 7.0]
 
 
-def test_a_longer_pause_than_the_patience_is_not_waited_for() -> None:
-    service = FakeService()
-    service.inject = lambda _: problem(ProblemType.RATE_LIMITED, 429, headers={"retry-after": "3600"})
-    with Client("http://fake", transport=service.transport) as client, pytest.raises(ServiceBusyError) as caught:
+def test_a_longer_pause_than_the_patience_is_not_waited_for(fake: FakeService, client: Client) -> None:
+    fake.inject = lambda _: problem(ProblemType.RATE_LIMITED, 429, headers={"retry-after": "3600"})
+    with pytest.raises(ServiceBusyError) as caught:
         client.suites()
     assert caught.value.retry_after == 3600
-    assert len(service.requests) == 1
+    assert len(fake.requests) == 1
 
 
 def test_other_problems_are_not_repeated() -> None:

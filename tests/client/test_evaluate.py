@@ -73,16 +73,15 @@ def test_drives_all_trials_of_every_track(track: Track, binary: bool) -> None:
         assert all(observation[key].dtype == box.dtype for key, box in observation_space(track).items())
 
 
-def test_puts_what_it_did() -> None:
-    service = FakeService()
-    with _client(service) as client:
+def test_puts_what_it_did(fake: FakeService) -> None:
+    with _client(fake) as client:
         client.evaluate(Driver(), "smoke@3", versions={"mine": "7"})
-    assert service.results is not None
-    assert service.results["versions"]["mine"] == "7"
-    assert "wrongturn-client" in service.results["versions"]
-    assert len(service.results["episodes"]) == 4
-    for record in service.results["episodes"]:
-        actions = np.array(service.seen[record["episode"]], dtype="<f4")
+    assert fake.results is not None
+    assert fake.results["versions"]["mine"] == "7"
+    assert "wrongturn-client" in fake.results["versions"]
+    assert len(fake.results["episodes"]) == 4
+    for record in fake.results["episodes"]:
+        actions = np.array(fake.seen[record["episode"]], dtype="<f4")
         assert actions.shape == (record["steps"], 3)
         assert record["actions_sha256"] == hashlib.sha256(actions.tobytes()).hexdigest()
         assert record["latency_ms"] >= 0
@@ -112,36 +111,35 @@ BREAKS = {
 
 @pytest.mark.parametrize("name", BREAKS)
 @pytest.mark.parametrize("when", ["inject", "after"])
-def test_every_call_survives_a_first_failure(name: str, when: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_call_survives_a_first_failure(
+    name: str, when: str, monkeypatch: pytest.MonkeyPatch, fake: FakeService
+) -> None:
     # "after": the call had its effect and only its answer was lost, so the repetition must be recognised.
     monkeypatch.setattr("wrongturn_client.transport._SHORTEST_PAUSE", 0.001)
-    service = FakeService()
-    setattr(service, when, _each_first_time(breaks=BREAKS[name]))
-    with _client(service) as client:
+    setattr(fake, when, _each_first_time(breaks=BREAKS[name]))
+    with _client(fake) as client:
         detail = client.evaluate(Driver(), "smoke@3")
     assert detail.state is EvaluationState.FINISHED
-    assert [len(actions) for actions in service.seen.values()] == [3] * 4
-    assert service.aborted == []
+    assert [len(actions) for actions in fake.seen.values()] == [3] * 4
+    assert fake.aborted == []
 
 
-def test_a_lost_episode_is_nobodys_fault_and_the_next_is_taken() -> None:
-    service = FakeService()
-    service.lost.add("ep1")
-    with _client(service) as client:
+def test_a_lost_episode_is_nobodys_fault_and_the_next_is_taken(fake: FakeService) -> None:
+    fake.lost.add("ep1")
+    with _client(fake) as client:
         detail = client.evaluate(Driver(), "smoke@3")
     assert detail.state is EvaluationState.FINISHED
-    assert service.results is not None
-    assert [record["episode"] for record in service.results["episodes"]] == ["ep0", "ep2", "ep3", "ep4"]
+    assert fake.results is not None
+    assert [record["episode"] for record in fake.results["episodes"]] == ["ep0", "ep2", "ep3", "ep4"]
 
 
-def test_waits_while_no_trial_is_available() -> None:
-    service = FakeService()
+def test_waits_while_no_trial_is_available(fake: FakeService) -> None:
     answers = [problem(ProblemType.NO_TRIAL_AVAILABLE, 409, headers={"retry-after": "0.05"}) for _ in range(3)]
-    service.inject = lambda request: (
+    fake.inject = lambda request: (
         answers.pop() if answers and request.url.path.endswith("/e1/episodes") and request.method == "POST" else None
     )
     begin = time.monotonic()
-    with _client(service) as client:
+    with _client(fake) as client:
         assert client.evaluate(Driver(), "smoke@3").state is EvaluationState.FINISHED
     assert answers == []
     assert time.monotonic() - begin >= 0.15
@@ -186,10 +184,9 @@ def test_resuming_a_finished_evaluation_gives_it() -> None:
 
 
 @pytest.mark.parametrize("told", ["6" * 64, None])
-def test_a_service_that_breaks_its_promise_is_told(told: str | None) -> None:
-    service = FakeService()
-    service.secret = told
-    with _client(service) as client, pytest.raises(CommitmentError, match="do not trust"):
+def test_a_service_that_breaks_its_promise_is_told(told: str | None, fake: FakeService) -> None:
+    fake.secret = told
+    with _client(fake) as client, pytest.raises(CommitmentError, match="do not trust"):
         client.evaluate(Driver(), "smoke@3")
 
 
@@ -209,9 +206,8 @@ def test_an_action_may_be_an_array_a_tuple_or_a_list(kind: Callable[[list[float]
     assert driven[0] == driven[1]
 
 
-def test_an_open_evaluation_is_named() -> None:
-    service = FakeService()
-    with _client(service) as client:
+def test_an_open_evaluation_is_named(fake: FakeService) -> None:
+    with _client(fake) as client:
         begun = client.create_evaluation("smoke@3")
         with pytest.raises(EvaluationOpenError) as caught:
             client.create_evaluation("smoke@3")
@@ -242,55 +238,51 @@ class NotReady(Driver):
 
 
 @pytest.mark.parametrize(("policy", "error"), [(Broken, RuntimeError), (Wordy, PolicyError), (NotReady, RuntimeError)])
-def test_a_policy_that_breaks_ends_its_episode_and_shows_why(policy: type[Driver], error: type[Exception]) -> None:
-    service = FakeService()
-    with _client(service) as client, pytest.raises(error):
+def test_a_policy_that_breaks_ends_its_episode_and_shows_why(
+    policy: type[Driver], error: type[Exception], fake: FakeService
+) -> None:
+    with _client(fake) as client, pytest.raises(error):
         client.evaluate(policy(), "smoke@3")
-    assert len(service.aborted) == 1
-    assert service.open == []
+    assert len(fake.aborted) == 1
+    assert fake.open == []
 
 
-def test_a_policy_that_breaks_shows_why_though_the_service_has_gone(monkeypatch: pytest.MonkeyPatch) -> None:
-    service = FakeService()
-    service.inject = lambda request: httpx.ConnectError("gone") if request.method == "DELETE" else None
-    with _client(service, patience=0) as client, pytest.raises(RuntimeError, match="no idea"):
+def test_a_policy_that_breaks_shows_why_though_the_service_has_gone(
+    monkeypatch: pytest.MonkeyPatch, fake: FakeService
+) -> None:
+    fake.inject = lambda request: httpx.ConnectError("gone") if request.method == "DELETE" else None
+    with _client(fake, patience=0) as client, pytest.raises(RuntimeError, match="no idea"):
         client.evaluate(NotReady(), "smoke@3")
 
 
-def test_ctrl_c_leaves_the_episode_for_later() -> None:
+def test_ctrl_c_leaves_the_episode_for_later(fake: FakeService) -> None:
     class Interrupted(Driver):
         def act(self, observation: Observation) -> Action:
             raise KeyboardInterrupt
 
-    service = FakeService()
-    with _client(service) as client, pytest.raises(KeyboardInterrupt):
+    with _client(fake) as client, pytest.raises(KeyboardInterrupt):
         client.evaluate(Interrupted(), "smoke@3")
-    assert service.aborted == []
+    assert fake.aborted == []
 
 
-def test_a_cancelled_evaluation_and_a_mismatch_are_told() -> None:
-    service = FakeService()
-    service.inject = lambda request: (
+def test_a_cancelled_evaluation_and_a_mismatch_are_told(fake: FakeService) -> None:
+    fake.inject = lambda request: (
         problem(ProblemType.EVALUATION_CANCELLED, 409) if request.url.path.endswith("/episodes") else None
     )
-    with _client(service) as client, pytest.raises(EvaluationCancelledError):
+    with _client(fake) as client, pytest.raises(EvaluationCancelledError):
         client.evaluate(Driver(), "smoke@3")
-    service.inject = lambda request: (
+    fake.inject = lambda request: (
         problem(ProblemType.RESULTS_MISMATCH, 409) if request.url.path.endswith("/results") else None
     )
-    with _client(service) as client, pytest.raises(ResultsMismatchError):
+    with _client(fake) as client, pytest.raises(ResultsMismatchError):
         client.evaluate(Driver(), "smoke@3")
 
 
 @pytest.mark.parametrize("policy", ["careful", None])
-def test_what_is_no_policy_begins_nothing(policy: Any) -> None:
-    service = FakeService()
-    with (
-        _client(service) as client,
-        pytest.raises(TypeError, match=r"^policy: is .*; give an object with reset and act"),
-    ):
+def test_what_is_no_policy_begins_nothing(policy: Any, fake: FakeService) -> None:
+    with _client(fake) as client, pytest.raises(TypeError, match=r"^policy: is .*; give an object with reset and act"):
         client.evaluate(policy, "smoke@3")
-    assert not service.requests
+    assert not fake.requests
 
 
 # Several episodes at a time

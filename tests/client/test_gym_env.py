@@ -29,22 +29,20 @@ def _make(service: FakeService, **options: Any) -> gymnasium.Env[Any, Any]:
     )
 
 
-def test_without_a_token_an_agent_for_practice_is_registered_once() -> None:
-    service = FakeService()
-    env = _make(service)
+def test_without_a_token_an_agent_for_practice_is_registered_once(fake: FakeService) -> None:
+    env = _make(fake)
     env.reset()
     env.reset()
     env.close()
-    assert service.paths("POST").count("/v1/agents") == 1
-    assert service.requests[-1].headers["authorization"] == "Bearer secret"
+    assert fake.paths("POST").count("/v1/agents") == 1
+    assert fake.requests[-1].headers["authorization"] == "Bearer secret"
 
 
-def test_of_several_weathers_each_trial_has_one() -> None:
-    service = FakeService()
-    env = _make(service, token="t", weather=["WetNoon", "ClearSunset"])
+def test_of_several_weathers_each_trial_has_one(fake: FakeService) -> None:
+    env = _make(fake, token="t", weather=["WetNoon", "ClearSunset"])
     for seed in range(20):
         env.reset(seed=seed)
-    assert {request["weather"] for request in service.practice} == {"WetNoon", "ClearSunset"}
+    assert {request["weather"] for request in fake.practice} == {"WetNoon", "ClearSunset"}
 
 
 @pytest.mark.parametrize("options", [{"task": "cruise", "journeys": {"lateral": 0.1}}, {"trial": TRIAL}])
@@ -53,39 +51,35 @@ def test_what_works_in_process_only_is_refused(options: dict[str, Any]) -> None:
         _make(FakeService(), token="t", **options)
 
 
-def test_only_approaches_that_admit_the_fault_are_drawn() -> None:
-    service = FakeService()
-    env = _make(service, token="t", fault="infeasible")
+def test_only_approaches_that_admit_the_fault_are_drawn(fake: FakeService) -> None:
+    env = _make(fake, token="t", fault="infeasible")
     for seed in range(10):
         env.reset(seed=seed)
-    assert {request["approach"] for request in service.practice} == {"J1-S"}
+    assert {request["approach"] for request in fake.practice} == {"J1-S"}
     with pytest.raises(ValueError, match="no such approach of Town01"):
-        _make(service, token="t", fault="infeasible", route=3).reset()
+        _make(fake, token="t", fault="infeasible", route=3).reset()
 
 
-def test_journeys_are_practised_by_their_task() -> None:
-    service = FakeService()
-    _make(service, token="t", task="navigation").reset(seed=1)
-    _make(service, token="t", task="straight", town="Town02", approach="J1-S").reset(seed=1)
-    asked = [(request["town"], request["task"], request.get("approach")) for request in service.practice]
+def test_journeys_are_practised_by_their_task(fake: FakeService) -> None:
+    _make(fake, token="t", task="navigation").reset(seed=1)
+    _make(fake, token="t", task="straight", town="Town02", approach="J1-S").reset(seed=1)
+    asked = [(request["town"], request["task"], request.get("approach")) for request in fake.practice]
     assert asked == [("Town01", "navigation", None), ("Town02", "straight", "J1-S")]
-    assert not service.paths("GET"), "no approach had to be looked up"
+    assert not fake.paths("GET"), "no approach had to be looked up"
 
 
-def test_an_episode_that_is_left_is_given_up() -> None:
-    service = FakeService()
-    env = _make(service, token="t", approach="J1-S")
+def test_an_episode_that_is_left_is_given_up(fake: FakeService) -> None:
+    env = _make(fake, token="t", approach="J1-S")
     env.reset()
     env.step(ACTION)
     env.reset()
-    assert service.aborted == ["ep0"]
+    assert fake.aborted == ["ep0"]
     for _ in range(3):
         env.step(ACTION)
     env.close()
-    assert service.aborted == ["ep0"], "the second came to its end"
+    assert fake.aborted == ["ep0"], "the second came to its end"
 
 
-def test_traffic_is_asked_for() -> None:
-    service = FakeService()
-    _make(service, token="t", approach="J1-E", traffic={"vehicles": 20}).reset()
-    assert service.practice[0]["traffic"] == {"vehicles": 20, "pedestrians": 0}
+def test_traffic_is_asked_for(fake: FakeService) -> None:
+    _make(fake, token="t", approach="J1-E", traffic={"vehicles": 20}).reset()
+    assert fake.practice[0]["traffic"] == {"vehicles": 20, "pedestrians": 0}

@@ -30,49 +30,45 @@ def _stepped(service: FakeService) -> list[int]:
     return [len(actions) for actions in service.seen.values()]
 
 
-def test_those_without_a_token_share_an_agent_for_practice() -> None:
-    service = FakeService()
+def test_those_without_a_token_share_an_agent_for_practice(fake: FakeService) -> None:
     envs = gymnasium.make_vec(
-        "wrongturn_client:Wrongturn-v0", 2, url="http://fake", transport=service.transport, autoreset_mode="SameStep"
+        "wrongturn_client:Wrongturn-v0", 2, url="http://fake", transport=fake.transport, autoreset_mode="SameStep"
     )
     envs.reset()
     envs.close()
-    assert sorted(service.aborted) == ["ep0", "ep1"]
-    assert service.paths("POST").count("/v1/agents") == 1
+    assert sorted(fake.aborted) == ["ep0", "ep1"]
+    assert fake.paths("POST").count("/v1/agents") == 1
 
 
-def test_it_may_be_reset_after_it_was_closed() -> None:
-    service = FakeService()
-    envs = _make(service)
+def test_it_may_be_reset_after_it_was_closed(fake: FakeService) -> None:
+    envs = _make(fake)
     for _ in range(2):
         envs.reset()
         envs.step(_gas())
         envs.close()
         with pytest.raises(ResetNeeded):
             envs.step(_gas())
-    assert sorted(service.aborted) == sorted(service.seen)
+    assert sorted(fake.aborted) == sorted(fake.seen)
 
 
 @pytest.mark.parametrize(("options", "named"), [({"patience": "long"}, "patience"), ({"patience": -1.0}, "patience")])
-def test_what_cannot_be_made_says_why(options: dict[str, Any], named: str) -> None:
-    service = FakeService()
+def test_what_cannot_be_made_says_why(options: dict[str, Any], named: str, fake: FakeService) -> None:
     with pytest.raises(ValueError, match=named):
-        _make(service, **options)
-    assert service.requests == []
+        _make(fake, **options)
+    assert fake.requests == []
 
 
-def test_a_reset_that_is_refused_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reset_that_is_refused_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch, fake: FakeService) -> None:
     monkeypatch.setattr("wrongturn_client.vector_env._BRIEFLY", 0.0)
-    service = FakeService()
-    envs = _make(service, suite="smoke@3", trial="one")
+    envs = _make(fake, suite="smoke@3", trial="one")
     refused = problem(ProblemType.UNKNOWN_TRIAL, 404, "no trial nine")
-    service.inject = lambda request: (
+    fake.inject = lambda request: (
         BUSY if b"eight" in request.content else refused if b"nine" in request.content else None
     )
     with pytest.raises(NotFoundError, match="no trial nine"):
         envs.reset(options={"trial": ["one", "eight", "nine"]})
-    service.inject = None
-    assert sorted(service.aborted) == sorted(service.seen)
+    fake.inject = None
+    assert sorted(fake.aborted) == sorted(fake.seen)
     with pytest.raises(ResetNeeded):
         envs.step(_gas())
     envs.reset()
@@ -111,26 +107,24 @@ def test_a_step_that_failed_is_taken_again_and_driven_once(mode: AutoresetMode) 
     assert _stepped(service)[:3] == [2, 2, 2]
 
 
-def test_another_error_of_one_loses_nothing_of_the_others() -> None:
-    service = FakeService()
-    envs = _make(service)
+def test_another_error_of_one_loses_nothing_of_the_others(fake: FakeService) -> None:
+    envs = _make(fake)
     envs.reset()
-    service.inject = lambda request: (
+    fake.inject = lambda request: (
         problem(ProblemType.INTERNAL, 500) if "ep1" in request.url.path else None  # only this one's
     )
     with pytest.raises(ApiError):
         envs.step(_gas())
-    service.inject = None
+    fake.inject = None
     _, rewards, _, _, _ = envs.step(_gas())
     assert rewards.tolist() == [1.5] * 3
-    assert _stepped(service) == [1, 1, 1]
+    assert _stepped(fake) == [1, 1, 1]
 
 
-def test_an_episode_that_was_given_up_is_truncated() -> None:
-    service = FakeService()
-    envs = _make(service)
+def test_an_episode_that_was_given_up_is_truncated(fake: FakeService) -> None:
+    envs = _make(fake)
     first, _ = envs.reset()
-    service.lost.add("ep1")
+    fake.lost.add("ep1")
     seen, rewards, terminated, truncated, infos = envs.step(_gas())
     (i,) = np.flatnonzero(truncated).tolist()
     assert not terminated.any()
@@ -142,14 +136,13 @@ def test_an_episode_that_was_given_up_is_truncated() -> None:
     assert np.flatnonzero(infos["_trial"]).tolist() == [i]
 
 
-def test_a_service_with_fewer_simulators_is_told_with_the_remedy() -> None:
-    service = FakeService()
+def test_a_service_with_fewer_simulators_is_told_with_the_remedy(fake: FakeService) -> None:
     ready = httpx.Response(200, json={"status": "ok", "simulators": 2})
-    service.inject = lambda request: ready if request.url.path == "/health/ready" else None
+    fake.inject = lambda request: ready if request.url.path == "/health/ready" else None
     with pytest.raises(ServiceFullError, match=r"num_envs: is 3.* has 2 simulators; make 2 .*WRONGTURN_SIMULATORS=3"):
-        _make(service).reset()
-    assert service.practice == []
-    _make(service, 2).reset()
+        _make(fake).reset()
+    assert fake.practice == []
+    _make(fake, 2).reset()
 
 
 def _with_room_for_two(service: FakeService) -> None:
@@ -157,46 +150,45 @@ def _with_room_for_two(service: FakeService) -> None:
     service.inject = lambda request: BUSY if request.url.path == "/v1/episodes" and next(free, None) is None else None
 
 
-def test_a_service_that_stays_too_full_is_told_and_nothing_is_left_open(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_service_that_stays_too_full_is_told_and_nothing_is_left_open(
+    monkeypatch: pytest.MonkeyPatch, fake: FakeService
+) -> None:
     monkeypatch.setattr("wrongturn_client.vector_env._BRIEFLY", 0.0)
-    service = FakeService()
-    _with_room_for_two(service)
+    _with_room_for_two(fake)
     with pytest.raises(ServiceFullError, match=r"num_envs: is 3.* 2 of 3 episodes .*all 2 simulators"):
-        _make(service, patience=0.0).reset()
-    assert sorted(service.aborted) == sorted(service.seen)
+        _make(fake, patience=0.0).reset()
+    assert sorted(fake.aborted) == sorted(fake.seen)
 
 
-def test_waits_for_more_and_holds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_waits_for_more_and_holds_nothing(monkeypatch: pytest.MonkeyPatch, fake: FakeService) -> None:
     monkeypatch.setattr("wrongturn_client.vector_env._BRIEFLY", 0.0)
-    service = FakeService()
-    _with_room_for_two(service)
+    _with_room_for_two(fake)
     held: list[int] = []
 
     def sleep(seconds: float) -> None:
-        held.append(len(service.seen) - len(service.aborted))
-        service.inject = None
+        held.append(len(fake.seen) - len(fake.aborted))
+        fake.inject = None
 
     monkeypatch.setattr("wrongturn_client.vector_env.time.sleep", sleep)
-    envs = _make(service)
+    envs = _make(fake)
     envs.reset(seed=1)
     assert held == [0]
-    assert len(service.seen) == 5, "who was given up begins as another episode"
-    assert {request["seed"] for request in service.practice[:2]} < {request["seed"] for request in service.practice[2:]}
+    assert len(fake.seen) == 5, "who was given up begins as another episode"
+    assert {request["seed"] for request in fake.practice[:2]} < {request["seed"] for request in fake.practice[2:]}
     envs.step(_gas())
-    assert sorted(_stepped(service)) == [0, 0, 1, 1, 1]
+    assert sorted(_stepped(fake)) == [0, 0, 1, 1, 1]
 
 
-def test_waits_for_a_service_that_others_have_filled(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_waits_for_a_service_that_others_have_filled(monkeypatch: pytest.MonkeyPatch, fake: FakeService) -> None:
     monkeypatch.setattr("wrongturn_client.vector_env._BRIEFLY", 0.0)
     pauses: list[float] = []
-    service = FakeService()
     busy = problem(ProblemType.SIMULATORS_BUSY, 503, headers={"retry-after": "7"})
-    service.inject = lambda request: busy if request.url.path == "/v1/episodes" else None
+    fake.inject = lambda request: busy if request.url.path == "/v1/episodes" else None
 
     def sleep(seconds: float) -> None:
         pauses.append(seconds)
-        service.inject = None
+        fake.inject = None
 
     monkeypatch.setattr("wrongturn_client.vector_env.time.sleep", sleep)
-    _make(service).reset()
+    _make(fake).reset()
     assert pauses == [7.0]
