@@ -4,7 +4,7 @@ import sys
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, Literal
 
 import typer
 
@@ -19,13 +19,6 @@ from wrongturn_client.tables import breakdown_table, console
 from wrongturn_protocol.json_output import STDOUT, check_json_file, write_whole
 
 DRAWINGS: Final = "wrongturn.drawings"
-
-
-class Width(StrEnum):
-    """Width of a figure in a paper of two columns."""
-
-    COLUMN = "column"
-    PAGE = "page"
 
 
 class Format(StrEnum):
@@ -72,8 +65,9 @@ def results(
         ),
     ] = None,
     width: Annotated[
-        Width, typer.Option(help="Width of the figures: one column of a paper, or the page. Example: --width page")
-    ] = Width.COLUMN,
+        Literal["column", "page"],
+        typer.Option(help="Width of the figures: one column of a paper, or the page. Example: --width page"),
+    ] = "column",
     formats: Annotated[
         list[Format] | None,
         typer.Option("--format", help="Format of the figures; give it again for another. Example: --format svg"),
@@ -127,9 +121,7 @@ def results(
                 console().print(table)
 
 
-def _draw(
-    runs: Sequence[EvaluationRecord], folder: Path, formats: Sequence[Format], width: Width, url: str | None
-) -> None:
+def _draw(runs: Sequence[EvaluationRecord], folder: Path, formats: Sequence[str], width: str, url: str | None) -> None:
     """Let each package that draws runs, as wrongturn-figures, draw them into a folder."""
     points = entry_points(DRAWINGS)
     if not points:
