@@ -3,22 +3,11 @@
 The verdicts are those of the reference paper (Carton et al., IV 2021), defined exactly.
 """
 
-from enum import IntEnum, StrEnum
+from enum import StrEnum
 from typing import Final
 
-
-class Command(IntEnum):
-    """High-level navigation command, with the numbers of CARLA's ``RoadOption``."""
-
-    VOID = -1
-    LEFT = 1
-    RIGHT = 2
-    STRAIGHT = 3
-    LANE_FOLLOW = 4
-
-
-DIRECTIONS: Final = (Command.LEFT, Command.RIGHT, Command.STRAIGHT)
-"""Commands that name an exit of a junction, in the order of every array over exits."""
+from wrongturn_faults.commands import DIRECTIONS as DIRECTIONS  # noqa: PLC0414 - other modules take it from here
+from wrongturn_faults.commands import Command as Command  # noqa: PLC0414
 
 
 class JunctionType(StrEnum):

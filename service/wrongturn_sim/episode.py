@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Final, NamedTuple, SupportsFloat
 import numpy as np
 from pydantic import ValidationError
 
+from wrongturn_faults.rules import Guidance
 from wrongturn_judge import JourneyGeometry, JudgeGeometry, judge_of
 from wrongturn_judge.trajectory import RoadUser, Row, Trajectory
 from wrongturn_networks import town_of
 from wrongturn_networks.disturbances.disturbance import Disturbance
 from wrongturn_networks.faults import CommandFault, make_fault
-from wrongturn_networks.faults.fault import Guidance
 from wrongturn_protocol import Command, Outcome, Track, Trial, View
 from wrongturn_protocol.observations import ROAD_USERS, Observation
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, State, advance

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from wrongturn_faults.rules import AFTER
 from wrongturn_judge.compiling import compiled, record
 from wrongturn_judge.kernels import Array
-from wrongturn_networks.faults.fault import AFTER
 from wrongturn_sim.polyline import fill, project
 
 WINDOW_AFTER = AFTER

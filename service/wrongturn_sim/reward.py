@@ -3,8 +3,8 @@
 import math
 from typing import Final
 
+from wrongturn_faults.rules import Guidance
 from wrongturn_judge.compiling import compiled
-from wrongturn_networks.faults.fault import Guidance
 from wrongturn_protocol import Command
 
 CRUISING: Final = 35.0

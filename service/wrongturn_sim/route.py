@@ -15,9 +15,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wrongturn_faults.rules import OPENS, Guidance, Passage
 from wrongturn_judge.compiling import words
 from wrongturn_networks import Town, exits_towards
-from wrongturn_networks.faults.fault import OPENS, Guidance, Passage
 from wrongturn_networks.per_net import once_per_net
 from wrongturn_protocol import DIRECTIONS, Command, Trial
 from wrongturn_protocol.observations import PATH_POINTS

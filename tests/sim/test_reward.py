@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from wrongturn_networks.faults.fault import Guidance
+from wrongturn_faults.rules import Guidance
 from wrongturn_protocol import Command
 from wrongturn_sim.reward import reward
 

@@ -2,7 +2,8 @@
 
 from typing import Any, ClassVar
 
-from wrongturn_networks.faults.fault import SILENCE, CommandFault, Dose, Ending, Guidance, reaction_to_silence
+from wrongturn_faults.rules import Guidance
+from wrongturn_networks.faults.fault import SILENCE, CommandFault, Dose, Ending, reaction_to_silence
 from wrongturn_protocol import Command, Reaction, Track, Trial
 from wrongturn_protocol.observations import Observation
 

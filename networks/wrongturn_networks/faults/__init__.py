@@ -13,14 +13,14 @@ import importlib
 import pkgutil
 from typing import Any, Final
 
+from wrongturn_faults.rules import Guidance as Guidance
+from wrongturn_faults.rules import Passage as Passage
 from wrongturn_networks import disturbances
 from wrongturn_networks.errors import FaultNotApplicableError as FaultNotApplicableError
 from wrongturn_networks.errors import NetworkError
 from wrongturn_networks.faults.fault import CommandFault as CommandFault
 from wrongturn_networks.faults.fault import Dose as Dose
 from wrongturn_networks.faults.fault import Ending as Ending
-from wrongturn_networks.faults.fault import Guidance as Guidance
-from wrongturn_networks.faults.fault import Passage as Passage
 from wrongturn_networks.faults.fault import WrongDirection as WrongDirection
 from wrongturn_networks.shelf import take_installed
 from wrongturn_networks.starts import draw_trial
@@ -48,6 +48,7 @@ class _Registry:
             raise TypeError("is no subclass of CommandFault")
         missing = [one for one in ("kind", "guide_word", "words") if not hasattr(fault, one)]
         missing += sorted(getattr(fault, "__abstractmethods__", ()))
+        missing += ["deliver"] if fault.deliver is CommandFault.deliver else []
         if missing:
             raise TypeError(f"has no {' and no '.join(missing)}; see CommandFault")
         if name not in tuple(FaultKind) or fault.kind != name:

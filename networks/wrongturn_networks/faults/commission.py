@@ -2,14 +2,10 @@
 
 from typing import Final
 
-from wrongturn_networks.faults.fault import CommandFault, Ending, Guidance, pick
-from wrongturn_protocol import Command, Fault, FaultKind, Reaction, Trial, Verdict
+from wrongturn_faults.rules import ENDS, LENGTH
+from wrongturn_networks.faults.fault import CommandFault, Ending
+from wrongturn_protocol import Fault, FaultKind, Reaction, Trial, Verdict
 
-LENGTH: Final = 30.0
-"""Length of the stretch, metres."""
-ENDS: Final = 40.0
-"""The stretch ends this far before the stop line, metres."""
-TURNS: Final = frozenset({Command.LEFT, Command.RIGHT})
 _LEAD: Final = 2.0  # a start lies this far before the stretch at least, metres
 
 
@@ -39,12 +35,6 @@ class Commission(CommandFault):
             f"needs a start more than {least:.0f} m before the stop line, but {trial.approach} of {trial.town} "
             f"has it at {trial.start.distance:.0f} m; take an approach whose lane is longer"
         )
-
-    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
-        """Return the turn within the stretch."""
-        ahead = guidance.ahead
-        there = ahead is not None and ahead.first and ENDS <= ahead.to_line <= ENDS + LENGTH
-        return pick(TURNS - {self.route}, self.seed) if there else guidance.command
 
     @classmethod
     def reaction(cls, trial: Trial, ending: Ending) -> Reaction:  # noqa: ARG003

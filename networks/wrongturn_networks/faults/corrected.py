@@ -1,7 +1,8 @@
 """Corrected: a wrong command that is put right before the junction."""
 
-from wrongturn_networks.faults.fault import OPENS, Dose, Guidance, WrongDirection
-from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Trial
+from wrongturn_faults.rules import OPENS
+from wrongturn_networks.faults.fault import Dose, WrongDirection
+from wrongturn_protocol import Command, FaultKind, Trial
 
 
 class Corrected(WrongDirection):
@@ -32,10 +33,3 @@ class Corrected(WrongDirection):
     def wrong(cls, trial: Trial) -> Command:
         """Return the missing direction."""
         return trial.junction_type.missing or trial.route
-
-    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
-        """Return the missing direction in the first part of a window, if the junction lacks one."""
-        here = guidance.within()
-        if here is None or here.to_line <= self.amount:
-            return guidance.command
-        return next(iter(frozenset(DIRECTIONS) - here.exits), guidance.command)

@@ -1,7 +1,7 @@
 """Dropout: there is no command for a part of the way."""
 
-from wrongturn_networks.faults.fault import AFTER, SILENCE, CommandFault, Dose, Ending, Guidance, reaction_to_silence
-from wrongturn_protocol import Command, FaultKind, Reaction, Trial
+from wrongturn_networks.faults.fault import SILENCE, CommandFault, Dose, Ending, reaction_to_silence
+from wrongturn_protocol import FaultKind, Reaction, Trial
 
 
 class Dropout(CommandFault):
@@ -13,14 +13,6 @@ class Dropout(CommandFault):
     end = "after the dose's share of the window's way"
     dose = Dose("the share of the window's way on which there is no command", "", 0.1, 1.0, 0.5, (0.25, 0.5, 1.0))
     reactions = SILENCE
-
-    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
-        """Return VOID in the first part of a window."""
-        here = guidance.within()
-        if here is None:
-            return guidance.command
-        whole = guidance.window + (here.to_exit - here.to_line) + AFTER
-        return Command.VOID if guidance.window - here.to_line <= self.amount * whole else guidance.command
 
     @classmethod
     def reaction(cls, trial: Trial, ending: Ending) -> Reaction:  # noqa: ARG003

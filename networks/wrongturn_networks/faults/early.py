@@ -1,8 +1,9 @@
 """Early: the route's command comes too soon, and ends too soon."""
 
-from wrongturn_networks.faults.fault import OPENS, CommandFault, Dose, Ending, Guidance
+from wrongturn_faults.rules import OPENS
+from wrongturn_networks.faults.fault import CommandFault, Dose, Ending
 from wrongturn_networks.starts import WINDOW
-from wrongturn_protocol import Command, Fault, FaultKind, Reaction, Trial
+from wrongturn_protocol import Fault, FaultKind, Reaction, Trial
 
 
 class Early(CommandFault):
@@ -31,11 +32,6 @@ class Early(CommandFault):
             f"begins {begins:.0f} m before the stop line with this dose, and the car starts {trial.start.distance:.0f} "
             "m before it; give a smaller dose, or take an approach whose lane is longer"
         )
-
-    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
-        """Return the route's command within the shifted window."""
-        here = guidance.within(-self.amount)
-        return Command.LANE_FOLLOW if here is None else here.route
 
     @classmethod
     def reaction(cls, trial: Trial, ending: Ending) -> Reaction:

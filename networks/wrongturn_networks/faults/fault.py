@@ -4,57 +4,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import ClassVar, Final, NamedTuple
 
-from wrongturn_protocol import DIRECTIONS, Command, Fault, FaultKind, Outcome, Reaction, Trial, Verdict
-
-AFTER: Final = 5.0
-"""The window ends this far past the exit line, metres."""
-OPENS: Final = 15.0
-"""Where the window of a trial that sets none opens, metres before the stop line."""
-
-
-class Passage(NamedTuple):
-    """A junction as the route leads through it."""
-
-    route: Command
-    """The route's direction there."""
-    exits: frozenset[Command]
-    """All directions in which a car that comes this way finds an exit."""
-    to_line: float
-    """Metres along the route to the stop line; negative past it."""
-    to_exit: float
-    """Metres along the route to the exit line; negative past it."""
-    first: bool
-    """Whether it is the trial's junction, the first on the way."""
-
-
-class Guidance(NamedTuple):
-    """What the route planner says at one decision.
-
-    Apart from :attr:`lateral` and :attr:`heading`, which only the reward reads, this is all that faults may know.
-    """
-
-    command: Command
-    """The route's command: a direction within the window, LANE_FOLLOW elsewhere."""
-    window: float = OPENS
-    """Where windows open, metres before stop lines."""
-    ahead: Passage | None = None
-    """The junction ahead, or around the car; None where none lies ahead."""
-    last: Passage | None = None
-    """The junction that the car left last; None before the first exit."""
-    lateral: float = 0.0
-    """Distance of the body's centre from the route's path, metres, positive to the left."""
-    heading: float = 0.0
-    """Heading of the route's path there, radians."""
-
-    def within(self, shift: float = 0.0) -> Passage | None:
-        """Return the junction in whose window the car is, if windows lie ``shift`` metres later; None outside."""
-        for passage in (self.last, self.ahead):
-            if passage is None or passage.to_line > self.window - shift:
-                continue
-            # A car that has taken no exit is in the window for as long as it is off its way.
-            if passage.to_exit >= -AFTER - shift or (passage is self.ahead and shift >= 0.0):
-                return passage
-        return None
+from wrongturn_faults.rules import RULES, Guidance, Order
+from wrongturn_protocol import Command, Fault, FaultKind, Outcome, Reaction, Trial, Verdict
 
 
 class Ending(NamedTuple):
@@ -131,6 +82,9 @@ class CommandFault(ABC):
         """The dose: the trial's, or the usual one; 0 for a fault without."""
         self.every = self._given(self.period, trial.fault.period)
         """The period, likewise, seconds."""
+        self._order = Order(self.route, trial.junction_type.exits, self.seed, self.amount, self.every, trial.next_route)
+        # A fault of another package delivers by its own method.
+        self._rule = RULES.get(self.kind, RULES["none"])
 
     @classmethod
     def amount_of(cls, fault: Fault) -> float:
@@ -181,9 +135,9 @@ class CommandFault(ABC):
         """Return whether the car took the exit that was commanded."""
         return outcome.verdict is Verdict.EXIT_COMMANDED
 
-    @abstractmethod
     def deliver(self, t: float, guidance: Guidance) -> Command:
         """Return the command that the agent gets for the next 0.1 s, ``t`` seconds after the episode's start."""
+        return self._rule(t, guidance, self._order)
 
     @classmethod
     def reaction(cls, trial: Trial, ending: Ending) -> Reaction | None:  # noqa: ARG003
@@ -238,22 +192,6 @@ class WrongDirection(CommandFault):
         where = "" if cls.wrong(trial) in trial.junction_type.exits else ", where there is no exit"
         said = f"{cls.words}{cls.measured(trial.fault)} The wrong direction is {names(cls.wrong(trial))}{where}."
         return f"{said} The route goes {names(trial.route)}."
-
-
-def other_exit(route: Command, exits: frozenset[Command], seed: int) -> Command:
-    """Return an exit that is not the route's, of which there is one or more."""
-    return pick(exits - {route}, seed)
-
-
-def missing_or_other(route: Command, exits: frozenset[Command], seed: int) -> Command:
-    """Return the direction in which there is no exit or, where there are all, an exit that is not the route's."""
-    return pick(frozenset(DIRECTIONS) - exits or exits - {route}, seed)
-
-
-def pick(directions: frozenset[Command], seed: int) -> Command:
-    """Return one of some directions, the one that a seed decides."""
-    found = sorted(directions)
-    return found[seed % len(found)]
 
 
 def reaction_to_silence(ending: Ending) -> Reaction:

@@ -1,12 +1,8 @@
 """Flicker: the command alternates between right and wrong."""
 
-from typing import Final
-
-from wrongturn_networks.faults.fault import Dose, Guidance, WrongDirection, missing_or_other
+from wrongturn_faults.rules import missing_or_other
+from wrongturn_networks.faults.fault import Dose, WrongDirection
 from wrongturn_protocol import Command, FaultKind, Outcome, Trial
-
-_DECISIONS: Final = 10
-"""Decisions in a second."""
 
 
 class Flicker(WrongDirection):
@@ -28,13 +24,3 @@ class Flicker(WrongDirection):
     def complied(cls, trial: Trial, outcome: Outcome) -> bool:
         """Return whether the car took one of the two exits that were commanded."""
         return outcome.verdict.exited and outcome.exit in {trial.route, cls.wrong(trial)}
-
-    def deliver(self, t: float, guidance: Guidance) -> Command:
-        """Return the wrong direction in a part of each period within a window."""
-        here = guidance.within()
-        if here is None:
-            return guidance.command
-        period = round(self.every * _DECISIONS)
-        wrong = min(max(round(self.amount * period), 1), period - 1)
-        now = (round(t * _DECISIONS) + self.seed) % period
-        return missing_or_other(here.route, here.exits, self.seed) if now < wrong else here.route

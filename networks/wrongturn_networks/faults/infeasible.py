@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from wrongturn_networks.faults.fault import Guidance, WrongDirection
-from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Trial
+from wrongturn_networks.faults.fault import WrongDirection
+from wrongturn_protocol import Command, FaultKind, Trial
 
 
 class Infeasible(WrongDirection):
@@ -27,13 +27,6 @@ class Infeasible(WrongDirection):
     def wrong(cls, trial: Trial) -> Command:
         """Return the missing direction."""
         return trial.junction_type.missing or trial.route
-
-    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
-        """Return the missing direction within a window; at later junctions that lack none, the route's command."""
-        here = guidance.within()
-        if here is None:
-            return guidance.command
-        return next(iter(frozenset(DIRECTIONS) - here.exits), guidance.command)
 
     @classmethod
     def told(cls, trial: Trial, names: Callable[[Command], str]) -> str:

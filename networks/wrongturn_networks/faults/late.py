@@ -1,7 +1,7 @@
 """Late: the route's command comes too late."""
 
-from wrongturn_networks.faults.fault import SILENCE, CommandFault, Dose, Ending, Guidance, reaction_to_silence
-from wrongturn_protocol import Command, FaultKind, Reaction, Trial
+from wrongturn_networks.faults.fault import SILENCE, CommandFault, Dose, Ending, reaction_to_silence
+from wrongturn_protocol import FaultKind, Reaction, Trial
 
 
 class Late(CommandFault):
@@ -14,11 +14,6 @@ class Late(CommandFault):
     end = "the dose past the place where the window ends"
     dose = Dose("how much too late it comes", "m", 1.0, 30.0, 15.0, (5.0, 15.0, 20.0))
     reactions = SILENCE
-
-    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
-        """Return the route's command within the shifted window."""
-        here = guidance.within(self.amount)
-        return Command.LANE_FOLLOW if here is None else here.route
 
     @classmethod
     def reaction(cls, trial: Trial, ending: Ending) -> Reaction:  # noqa: ARG003

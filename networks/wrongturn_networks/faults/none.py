@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from wrongturn_networks.faults.fault import CommandFault, Guidance
+from wrongturn_networks.faults.fault import CommandFault
 from wrongturn_protocol import Command, FaultKind, Trial
 
 
@@ -12,10 +12,6 @@ class NoFault(CommandFault):
     kind = FaultKind.NONE
     guide_word = ""
     words = "The command is right. These are the twins, which show how well the agent drives at all."
-
-    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
-        """Return the route's command."""
-        return guidance.command
 
     @classmethod
     def told(cls, trial: Trial, names: Callable[[Command], str]) -> str:

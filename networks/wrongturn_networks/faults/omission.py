@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from wrongturn_networks.faults.fault import SILENCE, CommandFault, Ending, Guidance, reaction_to_silence
+from wrongturn_networks.faults.fault import SILENCE, CommandFault, Ending, reaction_to_silence
 from wrongturn_protocol import Command, FaultKind, Reaction, Trial
 
 
@@ -15,10 +15,6 @@ class Omission(CommandFault):
     onset = "at the start"
     end = "at the end"
     reactions = SILENCE
-
-    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
-        """Return LANE_FOLLOW."""
-        return Command.LANE_FOLLOW
 
     @classmethod
     def reaction(cls, trial: Trial, ending: Ending) -> Reaction:  # noqa: ARG003

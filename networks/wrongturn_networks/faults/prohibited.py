@@ -1,6 +1,7 @@
 """Prohibited: an exit whose street is closed by boards."""
 
-from wrongturn_networks.faults.fault import Guidance, WrongDirection, other_exit
+from wrongturn_faults.rules import other_exit
+from wrongturn_networks.faults.fault import WrongDirection
 from wrongturn_protocol import Command, FaultKind, Trial
 
 
@@ -26,8 +27,3 @@ class Prohibited(WrongDirection):
     def detectable(cls, trial: Trial) -> bool:  # noqa: ARG003
         """Return True: the boards can be seen."""
         return True
-
-    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
-        """Return the closed direction within the window."""
-        here = guidance.within()
-        return self.wrong(self.trial) if here is not None and here.first else guidance.command

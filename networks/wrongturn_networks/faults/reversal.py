@@ -1,6 +1,7 @@
 """Reversal: the command changes to a wrong one within the junction."""
 
-from wrongturn_networks.faults.fault import Dose, Guidance, WrongDirection, pick
+from wrongturn_faults.rules import pick
+from wrongturn_networks.faults.fault import Dose, WrongDirection
 from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Trial
 
 
@@ -18,10 +19,3 @@ class Reversal(WrongDirection):
     def wrong(cls, trial: Trial) -> Command:
         """Return the other direction."""
         return pick(frozenset(DIRECTIONS) - {trial.route}, trial.seed)
-
-    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
-        """Return the other direction in the last part of a window."""
-        here = guidance.within()
-        if here is None or here.to_line > -self.amount:
-            return guidance.command
-        return pick(frozenset(DIRECTIONS) - {here.route}, self.seed)

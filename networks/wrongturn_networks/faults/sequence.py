@@ -1,6 +1,7 @@
 """Sequence: the command of the next junction comes one junction too soon."""
 
-from wrongturn_networks.faults.fault import Guidance, WrongDirection, pick
+from wrongturn_faults.rules import pick
+from wrongturn_networks.faults.fault import WrongDirection
 from wrongturn_protocol import Command, FaultKind, Trial
 
 
@@ -33,8 +34,3 @@ class Sequence(WrongDirection):
     def wrong(cls, trial: Trial) -> Command:
         """Return the direction at the next junction."""
         return trial.next_route or trial.route
-
-    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
-        """Return the next junction's command within the window of the trial's; later commands are the route's."""
-        here = guidance.within()
-        return self.wrong(self.trial) if here is not None and here.first else guidance.command

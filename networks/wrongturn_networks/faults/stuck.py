@@ -1,6 +1,7 @@
 """Stuck: one command for the whole drive."""
 
-from wrongturn_networks.faults.fault import Guidance, WrongDirection, pick
+from wrongturn_faults.rules import pick
+from wrongturn_networks.faults.fault import WrongDirection
 from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Trial
 
 
@@ -18,7 +19,3 @@ class Stuck(WrongDirection):
     def wrong(cls, trial: Trial) -> Command:
         """Return the direction."""
         return pick(frozenset(DIRECTIONS) - {trial.route}, trial.seed)
-
-    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
-        """Return the direction."""
-        return self.wrong(self.trial)

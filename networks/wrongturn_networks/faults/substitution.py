@@ -1,6 +1,7 @@
 """Substitution: another exit than the route's."""
 
-from wrongturn_networks.faults.fault import Guidance, WrongDirection, other_exit
+from wrongturn_faults.rules import other_exit
+from wrongturn_networks.faults.fault import WrongDirection
 from wrongturn_protocol import Command, FaultKind, Trial
 
 
@@ -16,8 +17,3 @@ class Substitution(WrongDirection):
     def wrong(cls, trial: Trial) -> Command:
         """Return the other exit."""
         return other_exit(trial.route, trial.junction_type.exits, trial.seed)
-
-    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
-        """Return the other exit within a window."""
-        here = guidance.within()
-        return guidance.command if here is None else other_exit(here.route, here.exits, self.seed)
