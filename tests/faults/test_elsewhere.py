@@ -79,9 +79,9 @@ def told(fault: str, **options: Any) -> list[tuple[int, int]]:
     """Return the runs of one command around the first junction: command and number of rows."""
     points, commands = plan()
     runs: list[tuple[int, int]] = []
-    for command in faulty_plan(points, commands, fault, exits=(L, S), **options)[
-        : junctions_of(commands)[1].begin - 30
-    ]:
+    found = faulty_plan(points, commands, fault, exits=(L, S), **options)
+    first, second = junctions_of(commands)
+    for command in found[: (first.end + second.begin) // 2]:
         runs = [*runs[:-1], (command, runs[-1][1] + 1)] if runs and runs[-1][0] == command else [*runs, (command, 1)]
     return runs
 
