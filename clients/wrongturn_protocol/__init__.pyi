@@ -56,6 +56,9 @@ from .paper import PAPER as PAPER
 from .paper import PaperAgent as PaperAgent
 from .problems import FieldError as FieldError
 from .problems import Problem as Problem
+from .recordings import Judgement as Judgement
+from .recordings import RecordedUser as RecordedUser
+from .recordings import Recording as Recording
 from .results import Compliance as Compliance
 from .results import ComplianceCount as ComplianceCount
 from .results import EpisodeList as EpisodeList

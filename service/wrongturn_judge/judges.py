@@ -15,7 +15,7 @@ from wrongturn_judge.outcomes import conclude, conclude_journey
 from wrongturn_judge.packing import CLOCK_TOLERANCE, Floats, numbers_of
 from wrongturn_judge.thresholds import THRESHOLDS, Thresholds
 from wrongturn_judge.trajectory import Row, Trajectory
-from wrongturn_protocol import Outcome, Trial
+from wrongturn_protocol import VEHICLE, Outcome, Trial, Vehicle
 
 _NOBODY: Final = np.empty((0, 6))
 _NO_REST: Final = np.empty(0)
@@ -80,10 +80,14 @@ class EpisodeJudge(ABC):
 class Judge(EpisodeJudge):
     """Judges one episode at a junction, row by row. It needs neither SUMO nor a simulator.
 
+    ``car`` is the body that is judged; the benchmark's by default.
+
     Raises GeometryMismatchError if the geometry's exits are not those of the junction type, or the trial is a journey.
     """
 
-    def __init__(self, geometry: JudgeGeometry, trial: Trial, thresholds: Thresholds = THRESHOLDS) -> None:
+    def __init__(
+        self, geometry: JudgeGeometry, trial: Trial, thresholds: Thresholds = THRESHOLDS, car: Vehicle = VEHICLE
+    ) -> None:
         if trial.journey is not None:
             raise GeometryMismatchError(
                 f"geometry: it is of one junction, but trial {trial.id} is a journey; take JourneyGeometry.of(town)"
@@ -97,7 +101,7 @@ class Judge(EpisodeJudge):
         super().__init__(trial)
         self.geometry = geometry
         self.thresholds = thresholds
-        self._arrays = (*geometry.packed.arrays, numbers_of(thresholds))
+        self._arrays = (*geometry.packed.arrays, numbers_of(thresholds, car=car))
         self._history = np.empty((_ROWS, words(decide.MOMENT)))
         self._route = int(trial.route)
         self._watch = trial.watch - CLOCK_TOLERANCE
@@ -112,6 +116,16 @@ class Judge(EpisodeJudge):
             if found != decide.FULL:
                 return found
             self._history = np.concatenate([self._history, np.empty_like(self._history)])
+
+    @property
+    def seconds_more(self) -> float:
+        """How many more seconds decide the episode, if the car drives on as it does or goes on standing."""
+        state, limits = self._state, self.thresholds
+        ends = [limits.time_limit, *([state.exit_t + self.trial.watch] if state.exit else [])]
+        waits_since = self._history.view(decide.MOMENT)[state.wait, 0].t
+        if state.zone <= decide.NEAR and state.t - waits_since >= limits.rest_time:
+            ends.append(waits_since + limits.wait_time)
+        return float(min(ends) - state.t)
 
     def _conclude(self) -> Outcome:
         return conclude(self._row, self.trial, self.geometry, self.thresholds)

@@ -21,7 +21,7 @@ from wrongturn_judge import kernels
 from wrongturn_judge.compiling import compiled, words
 from wrongturn_judge.kernels import Array
 from wrongturn_judge.thresholds import JOURNEY_THRESHOLDS, THRESHOLDS, JourneyThresholds, Thresholds
-from wrongturn_protocol import VEHICLE
+from wrongturn_protocol import VEHICLE, Vehicle
 
 Floats = NDArray[np.float64]
 Marks = NDArray[np.bool_]
@@ -331,7 +331,9 @@ def pack(
     return packer.packed(surface.codes | (area << 2) | (lane << 4))
 
 
-def numbers_of(thresholds: Thresholds = THRESHOLDS, limits: JourneyThresholds = JOURNEY_THRESHOLDS) -> Floats:
+def numbers_of(
+    thresholds: Thresholds = THRESHOLDS, limits: JourneyThresholds = JOURNEY_THRESHOLDS, car: Vehicle = VEHICLE
+) -> Floats:
     """Return thresholds and the car's body as the kernels read them: a row of NUMBERS."""
     values = dataclasses.asdict(thresholds)
     values |= {f"journey_{name}": value for name, value in dataclasses.asdict(limits).items()}
@@ -342,10 +344,10 @@ def numbers_of(thresholds: Thresholds = THRESHOLDS, limits: JourneyThresholds = 
     values["across_cos"] = math.cos(math.radians(thresholds.across_heading))
     values["turn_limit"] = math.radians(thresholds.turn_limit)
     values["speed_limit"] = thresholds.speed_limit / 3.6
-    values["front_axle"], values["rear_axle"] = VEHICLE.wheelbase - VEHICLE.rear_axle, -VEHICLE.rear_axle
-    values["wheel_side"] = VEHICLE.half_track
-    values["half_length"], values["half_width"] = VEHICLE.half_length, VEHICLE.half_width
-    values["radius"] = math.sqrt(VEHICLE.half_length**2 + VEHICLE.half_width**2)
+    values["front_axle"], values["rear_axle"] = car.wheelbase - car.rear_axle, -car.rear_axle
+    values["wheel_side"] = car.half_track
+    values["half_length"], values["half_width"] = car.half_length, car.half_width
+    values["radius"] = math.sqrt(car.half_length**2 + car.half_width**2)
     assert values["radius"] <= REACH, "the boxes' grid is made for a smaller car"
     numbers = np.array([values[name] for name in kernels.NUMBERS.names or ()], np.float64)
     numbers.setflags(write=False)

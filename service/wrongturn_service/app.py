@@ -12,6 +12,7 @@ from wrongturn_service.api import (
     errors,
     evaluations,
     health,
+    judgements,
     leaderboards,
     metrics,
     places,
@@ -78,7 +79,7 @@ def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner:
         *(episodes.router, health.router, metrics.router, places.suites_router, places.towns_router),
         *(accounts.agents_router, accounts.owners_router, evaluations.router, submissions.router, session.router),
         *(leaderboards.router, admin.router, errors.router, front.router, agent_pages.router, compare.router),
-        *(whatifs.router, episode_pages.router, rest.router, place_pages.router, page.router),
+        *(judgements.router, whatifs.router, episode_pages.router, rest.router, place_pages.router, page.router),
     ):
         app.routes.extend(router.routes)
     # As one of FastAPI's routes, whose name the log and the figures have.

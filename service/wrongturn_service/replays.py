@@ -91,7 +91,7 @@ class Replays:
     async def picture(self, episode: str, outcome: Outcome | None) -> bytes:
         """Return a whole episode from above, as PNG."""
         await self.warm_up()
-        return await self.made("picture", episode, lambda trajectory: _picture(trajectory, outcome))
+        return await self.made("picture", episode, lambda trajectory: drawn(trajectory, outcome))
 
     async def _load(self, episode: str) -> Trajectory:
         found = await self._store.trajectory(episode)
@@ -135,7 +135,8 @@ def _view(trajectory: Trajectory, outcome: Outcome | None) -> bytes:
     return to_pixmap(_replay(trajectory, outcome).last_view())
 
 
-def _picture(trajectory: Trajectory, outcome: Outcome | None) -> bytes:
+def drawn(trajectory: Trajectory, outcome: Outcome | None) -> bytes:
+    """Return a whole drive from above, as PNG."""
     return _encoded(".png", _replay(trajectory, outcome).picture(PICTURE))
 
 
@@ -176,5 +177,5 @@ def _draw_a_little() -> None:
     car = Row(*(0.0,) * 6, Command.STRAIGHT, Command.STRAIGHT, *(0.0,) * 3)
     moment = Trajectory(trial, town.sha256, [car])
     _sheet(moment, 0)
-    _picture(moment, None)
+    drawn(moment, None)
     _view(moment, None)

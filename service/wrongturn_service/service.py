@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import gc
 import time
+from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from importlib import import_module
 
@@ -96,6 +97,8 @@ class Service:
         self.finished = FinishedStore(database)
         self.draws = Draws(settings.home)
         self.replays = Replays(self.store, self.draws)
+        self.judgements = Counter[str]()
+        self.judging = asyncio.Semaphore(1)
         self.pages = Cache(_PAGES, at_once=1)
         self.cache = Cache()
         self.documents = Cache(_DOCUMENTS, size=len)

@@ -24,6 +24,7 @@ PUBLIC = {
     "GET /v1/leaderboards",
     "GET /v1/leaderboards/{suite}",
     "GET /v1/leaderboards/{suite}/compare",
+    "POST /v1/judgements",
 }
 
 
@@ -52,6 +53,7 @@ def test_problems_bodies_and_the_token_are_documented(document: dict[str, Any]) 
         "POST /v1/episodes",
         "POST /v1/episodes/{episode}/step",
         "POST /v1/submissions",
+        "POST /v1/judgements",
         "POST /v1/whatifs",
     }
 

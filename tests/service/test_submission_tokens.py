@@ -13,6 +13,7 @@ from test_submissions import NAMELESS, bearer
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from wrongturn_protocol import SubmissionState
+from wrongturn_service.api import examples
 from wrongturn_service.api.documents import built
 from wrongturn_service.submissions.operations import OverError
 
@@ -59,6 +60,7 @@ BODIES: dict[str, Any] = {
     "POST /v1/episodes/{episode}/step": STEP,
     "PUT /v1/evaluations/{evaluation}/results": RECORD,
     "POST /v1/whatifs": {"episode": "ep_0", "at": 1.0},
+    "POST /v1/judgements": next(one["request"] for one in examples.load() if one["call"] == "POST /v1/judgements"),
 }
 OF_EPISODES = {
     "GET /v1/episodes/{episode}": {200},
@@ -92,7 +94,7 @@ async def test_every_call_with_a_runners_token(http: httpx.AsyncClient, state: s
     }
     # They take no token, or show nothing secret to anybody.
     public = {name for name in operations if name.startswith("GET") and "security" not in operations[name]}
-    public |= {"GET /v1/agents/{agent}", "GET /v1/owners/{owner}"}
+    public |= {"GET /v1/agents/{agent}", "GET /v1/owners/{owner}", "POST /v1/judgements"}
     listed = list(operations)
     # What ends an episode comes last.
     listed.sort(key=lambda name: name.startswith("DELETE /v1/episodes"))

@@ -19,6 +19,7 @@ from wrongturn_protocol import (
     OwnerRegistration,
     PracticeRequest,
     Problem,
+    Recording,
     ResultsRequest,
     StepRequest,
     Track,
@@ -39,7 +40,7 @@ OBSERVATIONS: Final = {track: f"{track.capitalize()}Observation" for track in Tr
 _REFERENCE = "#/components/schemas/{model}"
 _INPUTS: list[tuple[Any, Literal["validation"]]] = [
     *((model, "validation") for model in (AgentRegistration, EvaluationRequest, OwnerRegistration, PracticeRequest)),
-    *((model, "validation") for model in (ResultsRequest, StepRequest, WhatIfRequest, Problem)),
+    *((model, "validation") for model in (Recording, ResultsRequest, StepRequest, WhatIfRequest, Problem)),
 ]
 WITHOUT_TOKEN_TOO: Final[dict[str, Any]] = {"openapi_extra": {"security": [{}]}}
 """Keyword arguments of a route that shows a finished evaluation, or an episode of one, without a token too."""
