@@ -46,7 +46,7 @@ _OF_ONE_SERVICE = (
     "owners",
 )
 # torch's exporter takes 5 s to load, once for each worker.
-_EXPORTS = ("test_export", *(f"training/test_{name}" for name in ("export_sb3", "doubting", "lbc", "marln")))
+_EXPORTS = ("test_export", *(f"training/test_{name}" for name in ("export_sb3", "doubting", "lbc")))
 TOGETHER = {
     "tests/client": "clients",
     "tests/environments": "clients",
@@ -57,6 +57,7 @@ TOGETHER = {
     "tests/browser": "browser",
     "plugins/exploits": "agents",
     "plugins/figures": "agents",
+    "plugins/marln": "exports",
     "plugins/statistics": "agents",
     **{f"tests/agents/test_{name}.py": "agents" for name in ("batch", "practice", "worker")},
     "tests/benchmarks/test_short_forms.py": "agents",

@@ -18,6 +18,7 @@ SOURCES = {
     "agents": "agents",
     "exploits": "plugins/exploits",
     "figures": "plugins/figures",
+    "marln": "plugins/marln",
     "openenv": "plugins/openenv",
     "statistics": "plugins/statistics",
 }

@@ -1,6 +1,5 @@
 import sys
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -10,22 +9,9 @@ pytest.importorskip("stable_baselines3")
 # The helpers beside these tests are imported by their plain names.
 sys.path.insert(0, str(Path(__file__).parent))
 
-from small_networks import WIDTHS
-
 
 @pytest.fixture(scope="module", autouse=True)
 def _one_thread(one_thread: None) -> None: ...
-
-
-@pytest.fixture(scope="module")
-def small_marln() -> Iterator[None]:
-    """Build MaRLn with few channels and one block in each stage."""
-    from wrongturn_agents.models.marln import Marln
-    from wrongturn_agents.training.methods.marln import method
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(method, "Marln", partial(Marln, widths=WIDTHS, depths=(1, 1, 1, 1)))
-        yield
 
 
 @pytest.fixture(scope="module")

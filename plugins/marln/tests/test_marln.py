@@ -10,16 +10,16 @@ import torch
 from metres_driven import CARS, alike, by_chance, metres
 from small_run import HERE, settings_of
 
-from wrongturn_agents.models.marln import ACTIONS, ValueNetwork
 from wrongturn_agents.onnx_agent import OnnxAgent
 from wrongturn_agents.training.export.export import export
 from wrongturn_agents.training.export.writing import quantise
 from wrongturn_agents.training.method import load
-from wrongturn_agents.training.methods.marln.learning import Learner
-from wrongturn_agents.training.methods.marln.replay import Decisions, Replay, Sample
 from wrongturn_agents.training.progress import read_rows
 from wrongturn_agents.training.recording import record_observations
 from wrongturn_agents.training.run import train
+from wrongturn_marln.learning import Learner
+from wrongturn_marln.network import ACTIONS, ValueNetwork
+from wrongturn_marln.replay import Decisions, Replay, Sample
 
 OPTIONS = (
     *("num_envs=16", "batch_size=32", "replay_ratio=4", "replay_size=8000", "learn_after=256", "hidden=16"),

@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from wrongturn_agents.models.affordances import FARTHEST, Affordances
 from wrongturn_agents.training.methods.places import points_of
+from wrongturn_marln.affordances import FARTHEST, Affordances
 from wrongturn_networks import Town
 
 _HEADING = 3.0

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from wrongturn_agents.training.methods.marln.replay import Decisions, Replay
+from wrongturn_marln.replay import Decisions, Replay
 
 GAMMA = 0.5
 

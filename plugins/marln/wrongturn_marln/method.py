@@ -5,18 +5,18 @@ from typing import Any, Final
 import torch
 from torch import Tensor, nn
 
-from wrongturn_agents.models.affordances import Affordances
-from wrongturn_agents.models.marln import Marln, disturb
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.cars import training_cars
 from wrongturn_agents.training.method import TrainedAgent
-from wrongturn_agents.training.methods.marln.cars import Cars, FrameStack
-from wrongturn_agents.training.methods.marln.config import MarlnConfig
-from wrongturn_agents.training.methods.marln.learning import Learner
-from wrongturn_agents.training.methods.marln.replay import Replay
-from wrongturn_agents.training.methods.marln.truth import RoadTruth
 from wrongturn_agents.training.methods.pretraining import PretrainedMethod, WanderingCars, pretrain
 from wrongturn_agents.training.run import Run
+from wrongturn_marln.affordances import Affordances
+from wrongturn_marln.cars import Cars, FrameStack
+from wrongturn_marln.config import MarlnConfig
+from wrongturn_marln.learning import Learner
+from wrongturn_marln.network import Marln, disturb
+from wrongturn_marln.replay import Replay
+from wrongturn_marln.truth import RoadTruth
 from wrongturn_networks import load_town
 
 _ROW: Final = 64

@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from wrongturn_agents.models.quantiles import NoisyBranches, QuantileHeads, draw_noise, quantile_huber
+from wrongturn_marln.quantiles import NoisyBranches, QuantileHeads, draw_noise, quantile_huber
 
 
 def slow_quantile_huber(found, wanted, shares, kappa):

@@ -1,8 +1,8 @@
 import pytest
 import torch
 
-from wrongturn_agents.models.affordances import FARTHEST, Affordances
-from wrongturn_agents.models.marln import ACTIONS, MEMORY, Marln, disturb
+from wrongturn_marln.affordances import FARTHEST, Affordances
+from wrongturn_marln.network import ACTIONS, MEMORY, Marln, disturb
 
 
 @pytest.fixture(scope="module")

@@ -4,10 +4,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-from wrongturn_agents.models.marln import FRAMES
 from wrongturn_agents.training.drives_config import PretrainedConfig
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.settings import PIXELS, SHARE
+from wrongturn_marln.network import FRAMES
 
 _FEATURES: Final = 2 * 6144
 """Bytes of a decision's encoded pictures."""

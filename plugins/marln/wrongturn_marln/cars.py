@@ -6,10 +6,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from wrongturn_agents.models.marln import ACTIONS, FRAMES, Marln
 from wrongturn_agents.training.cars import DrivingVecEnv, Observations
-from wrongturn_agents.training.methods.marln.config import MarlnConfig
-from wrongturn_agents.training.methods.marln.replay import Decisions
+from wrongturn_marln.config import MarlnConfig
+from wrongturn_marln.network import ACTIONS, FRAMES, Marln
+from wrongturn_marln.replay import Decisions
 
 
 class FrameStack:

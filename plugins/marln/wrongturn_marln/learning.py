@@ -6,10 +6,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from wrongturn_agents.models.marln import ValueNetwork
-from wrongturn_agents.models.quantiles import quantile_huber
-from wrongturn_agents.training.methods.marln.config import MarlnConfig
-from wrongturn_agents.training.methods.marln.replay import Replay, Sample
+from wrongturn_marln.config import MarlnConfig
+from wrongturn_marln.network import ValueNetwork
+from wrongturn_marln.quantiles import quantile_huber
+from wrongturn_marln.replay import Replay, Sample
 
 
 class Learner:

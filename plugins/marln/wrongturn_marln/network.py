@@ -12,11 +12,11 @@ import torch
 from torch import Tensor, nn
 
 from wrongturn_agents.models.actor_critic import controls
-from wrongturn_agents.models.affordances import AffordanceHeads
 from wrongturn_agents.models.augmentation import Augmentation
 from wrongturn_agents.models.inputs import Observation, encoding_dtype, wanted
-from wrongturn_agents.models.quantiles import QuantileHeads
 from wrongturn_agents.models.resnet import DEPTHS_18, WIDTHS, ResNet, updated_statistics
+from wrongturn_marln.affordances import AffordanceHeads
+from wrongturn_marln.quantiles import QuantileHeads
 from wrongturn_protocol.observations import IMAGE_SHAPE
 
 FRAMES: Final = 4

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from wrongturn_agents.models.affordances import FARTHEST
-from wrongturn_agents.training.methods.marln.truth import RoadTruth
+from wrongturn_marln.affordances import FARTHEST
+from wrongturn_marln.truth import RoadTruth
 from wrongturn_networks import load_town
 from wrongturn_sim import WrongturnVectorEnv
 from wrongturn_sim.roads import roads_of

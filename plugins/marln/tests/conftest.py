@@ -1,0 +1,34 @@
+import sys
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("stable_baselines3")
+# The agents' helpers are imported by their plain names.
+sys.path[:0] = [str(Path(__file__).parents[3] / "tests" / "agents" / folder) for folder in ("training", ".")]
+
+from small_networks import WIDTHS  # noqa: E402
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread() -> Iterator[None]:
+    """Small batches are slower with threads that wait for each other."""
+    torch = pytest.importorskip("torch")
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def small_marln() -> Iterator[None]:
+    """Build MaRLn with few channels and one block in each stage."""
+    from wrongturn_marln import method
+    from wrongturn_marln.network import Marln
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(method, "Marln", partial(Marln, widths=WIDTHS, depths=(1, 1, 1, 1)))
+        yield
