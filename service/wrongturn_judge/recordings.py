@@ -101,10 +101,8 @@ def _trial_of(recording: Recording, town: Town, motion: Floats) -> tuple[Trial, 
     _check_place(town, approach.id, motion)
     said = [Command[one] for one in dict.fromkeys(recording.commands or (recording.command,)) if one is not None]
     route = Command[recording.route] if recording.route else next((one for one in said if one in approach.exits), None)
-    notes = []
-    if route is None:
-        route = next(iter(approach.exits))
-        notes = [f"The route was not given, and {route.name} was assumed."]
+    notes = [] if route else [f"The route was not given, and {next(iter(approach.exits)).name} was assumed."]
+    route = route or next(iter(approach.exits))
     fault, wrong = find_fault(kind), next((one for one in said if one in DIRECTIONS and one is not route), None)
     # The seed decides which direction a fault names.
     for seed in range(16):

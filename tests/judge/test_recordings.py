@@ -3,14 +3,13 @@
 import functools
 import json
 import math
+import re
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from lab.films import drive_trial
@@ -22,6 +21,8 @@ from wrongturn_judge.recordings import judged
 from wrongturn_networks import NetworkError, draw_trial, load_town
 from wrongturn_protocol import Outcome, Recording
 from wrongturn_protocol.json_output import with_stdout
+
+COLUMNS = ("t", "x", "y", "yaw", "speed")
 
 
 @functools.cache
@@ -68,19 +69,13 @@ def test_frames_units_and_reference_points_change_nothing(frame: str, units: str
     assert found.outcome.time == pytest.approx(outcome.time, abs=0.051)  # the clock's digits end at 2e-7 s
 
 
-@settings(max_examples=30)
-@given(st.lists(st.floats(0.01, 0.2), min_size=1, max_size=20))
-def test_any_clock_from_5_to_100_hz_gives_the_verdict(gaps: list[float]) -> None:
+@pytest.mark.parametrize("gap", [0.01, 0.0333, 0.07, 0.19])
+def test_any_rate_from_5_to_100_hz_gives_the_verdict(gap: float) -> None:
     recording, outcome = driven("none")
-    last = recording.t[-1]
-    t = np.append(np.cumsum([0.0, *np.resize(gaps, math.ceil(last / np.mean(gaps)) + len(gaps))]), np.inf)
-    t = np.append(t[t < last - 0.01], last)
-    t[-2] = min(t[-2], last - 0.01) if last - t[-2] < 0.2 else t[-2]
-    held = np.searchsorted(recording.t, t, side="right") - 1
-    columns = {name: np.interp(t, recording.t, getattr(recording, name)) for name in ("x", "y", "yaw", "speed")}
-    commands = tuple((recording.commands or ())[k] for k in held)
-    lists = {name: tuple(column.tolist()) for name, column in {"t": t, **columns}.items()}
-    assert judged(changed(recording, commands=commands, **lists))[0].verdict is outcome.verdict
+    t = np.append(np.arange(0, recording.t[-1] - 0.01, gap), recording.t[-1])
+    lists = {name: tuple(np.interp(t, recording.t, getattr(recording, name)).tolist()) for name in COLUMNS}
+    told = tuple((recording.commands or ())[k] for k in np.searchsorted(recording.t, t, side="right") - 1)
+    assert judged(changed(recording, **lists, commands=told))[0].verdict is outcome.verdict
 
 
 def test_the_command_may_stand_in_the_header_with_its_time() -> None:
@@ -104,10 +99,8 @@ def test_other_road_users_and_the_size_of_the_car_count() -> None:
     user = {**still, **{name: still[name] * len(recording.t) for name in ("x", "y", "yaw")}}
     hit = judged(changed(recording, others=({**user, "speed": [0.0] * len(recording.t)},)))[0]
     away = {name: [None] * len(recording.t) for name in ("x", "y", "yaw", "speed")}
-    assert (hit.verdict, judged(changed(recording, others=({**user, **away},)))[0].verdict) == (
-        "collision",
-        "exit_commanded",
-    )
+    missed = judged(changed(recording, others=({**user, **away},)))[0]
+    assert (hit.verdict, missed.verdict) == ("collision", "exit_commanded")
     bites = [judged(changed(driven()[0], width=width, length=5.0))[0].outcome for width in (1.0, 2.1)]
     assert bites[0] is not None
     assert bites[1] is not None
@@ -124,8 +117,8 @@ def test_a_drive_that_ends_too_early_is_undecided(rows: int, most: float) -> Non
     assert found.seconds_more is not None
     assert 0 < found.seconds_more <= most
     assert f"Undecided: {found.seconds_more:.2f} s more" in found.notes[-1]
-    stands = changed(recording, **{name: (getattr(recording, name)[0],) * 41 for name in ("x", "y", "yaw", "commands")},
-                     t=tuple(k / 10 for k in range(41)), speed=(0.0,) * 41)  # fmt: skip
+    still = {name: (getattr(recording, name)[0],) * 41 for name in ("x", "y", "yaw", "commands")}
+    stands = changed(recording, **still, t=tuple(k / 10 for k in range(41)), speed=(0.0,) * 41)
     assert judged(stands)[0].seconds_more == pytest.approx(6.0)
 
 
@@ -138,11 +131,7 @@ BROKEN = {
     "other approach": ("J3-S", "J5-E", "line 2: approach: the car is never on its lane, and begins 0 m from the road"),
     "far from the road": ("frame: town", "frame: carla", "m from the road, nearest to the lane of"),
     "no frame": ("frame: town", "frame: utm", "line 3: frame: is 'utm'; give town (x east"),
-    "wrong units": (
-        "units: m s rad m/s",
-        "units: ft s rad mph",
-        "line 4: units: is 'ft s rad mph'; give units of length",
-    ),
+    "wrong units": ("m s rad m/s", "ft s rad mph", "line 4: units: is 'ft s rad mph'; give units of length"),
     "km/h as m/s": ("units: m s rad m/s", "units: m s rad km/h", "line 12: speed: adds up to"),
     "rear axle": ("reference: centre", "reference: rear_axle", "rear_axle: missing; give metres from it"),
     "a truck": ("length: 4.6", "length: 12", "line 6: length: is '12'; give the car's length, 2 to 5.6 m"),
@@ -170,32 +159,26 @@ def test_a_broken_file_is_told_by_line_and_remedy(name: str, tmp_path: Path) -> 
     assert text != whole
     file = tmp_path / "drive.csv"
     file.write_bytes(text.encode("utf-8", "surrogateescape"))
-    with pytest.raises((RecordingError, NetworkError)) as refused:
+    with pytest.raises((RecordingError, NetworkError), match=re.escape(said)):
         judge_file(file)
-    assert said in str(refused.value)
 
 
 def test_json_is_refused_by_field_and_index(tmp_path: Path) -> None:
     file, whole = tmp_path / "drive.json", json.loads(driven()[0].model_dump_json())
     users = {"length": 4.5, "width": 1.8, **{name: [0.0] * 9 for name in ("x", "y", "yaw", "speed")}}
-    for text, said in (
-        (json.dumps({**whole, "x": [math.nan, *whole["x"][1:]]}), "x.0: is nan; give finite numbers in the units"),
-        (json.dumps({**whole, "y": whole["y"][1:]}), "y: is not as long as t; give"),
-        (json.dumps({**whole, "others": [users]}), "others.0.x: is not as long as t; give"),
-        (json.dumps({**whole, "command": "LEFT"}), "command: give either command in the header or"),
-        (json.dumps({**whole, "fault": "substitution", "route": "RIGHT"}), "cannot name"),
-        (json.dumps({**whole, "route": "LEFT"}), "route: Town01 J3-S has no exit LEFT; it has"),
+    for fields, said in (
+        ({"x": [math.nan, *whole["x"][1:]]}, "x.0: is nan; give finite numbers in the units"),
+        ({"y": whole["y"][1:]}, "y: is not as long as t; give"),
+        ({"others": [users]}, "others.0.x: is not as long as t; give"),
+        ({"command": "LEFT"}, "command: give either command in the header or"),
+        ({"fault": "substitution", "route": "RIGHT"}, "cannot name"),
+        ({"route": "LEFT"}, "route: Town01 J3-S has no exit LEFT; it has"),
         ("{1", "file: is not JSON (key must be a string"),
         ("{" * (5 << 20), "larger than 4 MiB"),
     ):
-        file.write_text(text)
-        with pytest.raises((RecordingError, NetworkError)) as refused:
+        file.write_text(fields if isinstance(fields, str) else json.dumps({**whole, **fields}))
+        with pytest.raises((RecordingError, NetworkError), match=re.escape(said)):
             judge_file(file)
-        assert said in str(refused.value)
-    later = {name: whole[name] for name in ("t", "x", "y", "yaw", "speed", "commands")}
-    file.write_text(json.dumps({**whole, **{name: [column[-1], *column] for name, column in later.items()}}))
-    with pytest.raises(RecordingError, match=r"t\.1: is not after"):
-        judge_file(file)
 
 
 def test_the_command_judges_draws_and_fails_where_a_file_is_wrong(tmp_path: Path) -> None:
