@@ -22,7 +22,10 @@ _CELL = re.compile(r"(?P<kind>[a-z_]+)(?:=(?P<dose>-?\d+(?:\.\d+)?))?(?:@(?P<typ
 
 def make(
     towns: Annotated[
-        list[str], typer.Option("--town", metavar="TOWN", help="A town's name or folder; can be repeated.")
+        list[str],
+        typer.Option(
+            "--town", metavar="TOWN", help="A town's name or folder; can be repeated. Example: --town village"
+        ),
     ],
     name: Annotated[str, typer.Option(metavar="NAME@VERSION", help="The suite's id. Example: --name village@1")],
     cells: Annotated[
@@ -37,12 +40,15 @@ def make(
         Path | None,
         typer.Option(
             metavar="FOLDER",
-            help="Folder for the file; by default WRONGTURN_HOME/suites, where every command finds it.",
+            help="Folder for the file; by default WRONGTURN_HOME/suites, where every command finds it. "
+            "Example: --to mine",
         ),
     ] = None,
-    title: Annotated[str | None, typer.Option(help="The suite in a line.")] = None,
-    weather: Annotated[Weather, typer.Option(help="Weather of all trials.")] = Weather.CLEAR_NOON,
-    vehicles: Annotated[int, typer.Option(min=0, help="Other cars of each trial.")] = 0,
+    title: Annotated[str | None, typer.Option(help="The suite in a line. Example: --title 'Our village'")] = None,
+    weather: Annotated[
+        Weather, typer.Option(help="Weather of all trials. Example: --weather WetNoon")
+    ] = Weather.CLEAR_NOON,
+    vehicles: Annotated[int, typer.Option(min=0, help="Other cars of each trial. Example: --vehicles 10")] = 0,
 ) -> None:
     """Make a suite of trials in towns of your own. Its leaderboard is its own; it never mixes with the shipped ones.
 

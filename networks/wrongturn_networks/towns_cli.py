@@ -29,7 +29,10 @@ Seed = Annotated[int, typer.Option(min=0, help="Seed of the scenery. Example: --
 
 def import_file(
     file: Annotated[
-        Path, typer.Argument(help="SUMO network (.net.xml), OpenDRIVE (.xodr) or OpenStreetMap (.osm) file.")
+        Path,
+        typer.Argument(
+            help="SUMO network (.net.xml), OpenDRIVE (.xodr) or OpenStreetMap (.osm) file. Example: village.osm"
+        ),
     ],
     name: Name = None,
     to: To = None,

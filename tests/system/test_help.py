@@ -19,6 +19,8 @@ def commands(group: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str
     for name in group.list_commands(None):
         command = group.get_command(None, name)
         command = command.loaded() if hasattr(command, "entry_point") else command
+        if command.hidden:  # another spelling of a command
+            continue
         if hasattr(command, "list_commands"):
             yield from commands(command, (*path, name))
         else:
