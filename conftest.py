@@ -56,6 +56,7 @@ TOGETHER = {
     "tests/contract": "contract",
     "tests/browser": "browser",
     "plugins/exploits": "agents",
+    "plugins/certificates": "service",
     "plugins/figures": "agents",
     "plugins/marln": "exports",
     "plugins/statistics": "agents",

@@ -319,6 +319,19 @@ def rotate_token(
     typer.echo("To check: 'wrongturn admin usage' must fail with the old token.")
 
 
+@admin.command()
+def rotate_key(reason: _Reason = None, url: Url = None) -> None:
+    """Let the service sign certificates with a new key. The old public key stays published.
+
+    Example: wrongturn admin rotate-key --reason 'yearly'
+
+    If WRONGTURN_SIGNING_KEY_FILE is set, write the new key into that file first.
+    """
+    with _service(url) as service:
+        new = service.rotate_key(reason)
+    typer.echo(f"The new key is {new.key}.\nIts fingerprint (SHA-256) is {new.fingerprint}.")
+
+
 def _service(url: str | None) -> "Administration":
     from wrongturn_client.administration import Administration  # noqa: PLC0415
 

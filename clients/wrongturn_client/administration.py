@@ -18,6 +18,7 @@ from wrongturn_protocol.administration import (
     Deletion,
     UsageList,
 )
+from wrongturn_protocol.certificates import SigningKey
 from wrongturn_protocol.vocabulary import Collection
 
 _PATIENCE = 300.0
@@ -81,6 +82,10 @@ class Administration(RestCalls, Closing):
     def revoke(self, collection: Collection, item: str, reason: str | None = None) -> Change:
         """End the tokens of an owner and its agents, or of an agent. Safe to call again."""
         return self._call(Change, "DELETE", "admin", collection.value, item, "tokens", reason=reason)
+
+    def rotate_key(self, reason: str | None = None) -> SigningKey:
+        """Let the service sign certificates with a new key, and return it."""
+        return self._call(SigningKey, "POST", "keys", reason=reason)
 
     def delete(self, collection: Collection, item: str, *, free: bool = False, reason: str | None = None) -> Deletion:
         """Delete an item with all that hangs on it. Safe to call again."""

@@ -23,10 +23,11 @@ LOADERS: Final = "wrongturn.loaders"
 _USAGE: Final = 2
 _PARTS: Final = {
     "wrongturn-networks": ("trials",),
-    "wrongturn-service": ("picture",),
+    "wrongturn-service": ("judge", "picture"),
     "wrongturn-service[server]": ("backup", "restore", "serve"),
     "wrongturn-agents": ("export", "register", "results", "run", "score", "train", "whatif"),
     "wrongturn-openenv": ("openenv",),
+    "wrongturn-certificates": ("verify",),
     "wrongturn-statistics": ("dose", "effects", "power"),
 }
 """Commands that our other parts add, to tell which part is missing."""

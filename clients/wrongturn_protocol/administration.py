@@ -1,9 +1,14 @@
 """Messages of the operator's calls under ``/v1/admin``: lists, deletions, usage and the audit log."""
 
+from typing import Literal
+
 from pydantic import Field
 
 from wrongturn_protocol.episodes import Message, is_none
 from wrongturn_protocol.vocabulary import AgentKind, AuditAction, Collection, Track
+
+AuditKind = Collection | Literal["keys"]
+"""What the operator changes: one of a collection, or the key that signs certificates."""
 
 
 class AdminItem(Message):
@@ -116,7 +121,7 @@ class AuditEntry(Message):
     address: str
     """Where the call came from."""
     action: AuditAction
-    collection: Collection
+    collection: AuditKind
     target: str
     """Id of the target, which may be deleted."""
     name: str

@@ -318,7 +318,7 @@ class AuditAction(StrEnum):
     REVOKE = "revoke"
     """Ended tokens."""
     ROTATE = "rotate"
-    """Made a new token for an owner or an agent."""
+    """Made a new token for an owner or an agent, or a new key for certificates."""
     CANCEL = "cancel"
     """Cancelled a submission."""
     DELETE = "delete"

@@ -13,6 +13,7 @@ from wrongturn_service.api import (
     evaluations,
     health,
     judgements,
+    keys,
     leaderboards,
     metrics,
     places,
@@ -76,7 +77,7 @@ def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner:
     errors.install(app)
     # Not by include_router, which would analyse every route a second time, in 0.1 s of each start.
     for router in (
-        *(episodes.router, health.router, metrics.router, places.suites_router, places.towns_router),
+        *(episodes.router, health.router, keys.router, metrics.router, places.suites_router, places.towns_router),
         *(accounts.agents_router, accounts.owners_router, evaluations.router, submissions.router, session.router),
         *(leaderboards.router, admin.router, errors.router, front.router, agent_pages.router, compare.router),
         *(judgements.router, whatifs.router, episode_pages.router, rest.router, place_pages.router, page.router),

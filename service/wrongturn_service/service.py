@@ -15,6 +15,7 @@ from wrongturn_service import catalogue
 from wrongturn_service.accounts import Accounts
 from wrongturn_service.administration import Administration
 from wrongturn_service.cache import Cache
+from wrongturn_service.certificates import Certificates
 from wrongturn_service.cluster.programs import Programs
 from wrongturn_service.episodes.draws import Draws
 from wrongturn_service.episodes.driver import EpisodeDriver
@@ -95,6 +96,8 @@ class Service:
         )
         self.store = Store(database, quota)
         self.finished = FinishedStore(database)
+        rows_of_operator = AdministrationStore(database)
+        self.certificates = Certificates(rows_of_operator, self.store, self.finished, settings.signing_key_file)
         self.draws = Draws(settings.home)
         self.replays = Replays(self.store, self.draws)
         self.judgements = Counter[str]()
@@ -157,7 +160,7 @@ class Service:
         if self.sandboxes is not None:
             self.sandboxes.changed = self.dispatcher.wake
         self.administration = Administration(
-            AdministrationStore(database),
+            rows_of_operator,
             self.accounts,
             self.submissions,
             self.closings,
@@ -220,6 +223,10 @@ class Service:
         if lost:
             self.telemetry.voided.labels("service-ended").inc(lost)
             _log.warning("episodes lost", count=lost, reason="they were open when the service ended last")
+        try:
+            await self.certificates.use()
+        except ValueError as error:
+            raise StartupError(f"WRONGTURN_SIGNING_KEY_FILE: {error}") from None
         await self.evaluations.resume()
         await self.registrations.prepare()
         try:

@@ -65,6 +65,9 @@ class Settings(BaseSettings):
     operator_token_file: Path | None = None
     """File with that token, in its place, of at least 16 characters. It is read at each use, so a new token takes
     effect at once."""
+    signing_key_file: Path | None = None
+    """File with the Ed25519 private key that signs certificates, 64 hexadecimal digits. The service reads it at the
+    start, and when the operator rotates the key. Default: one that the first start makes, kept in the database."""
     registration: Registration = Registration.OPEN
     """`open`: anybody may register owners and agents. `operator`: only the operator registers owners, and owners
     register their agents by their token."""
@@ -272,7 +275,7 @@ class Settings(BaseSettings):
             raise ValueError("is no URL of a service; write it like https://lab.example/wrongturn")
         return url.rstrip("/")
 
-    @field_validator("operator_token_file", "metrics_token_file")
+    @field_validator("operator_token_file", "metrics_token_file", "signing_key_file")
     @classmethod
     def _readable(cls, file: Path | None, info: ValidationInfo) -> Path | None:
         if file is None:

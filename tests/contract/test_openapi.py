@@ -21,6 +21,7 @@ PUBLIC = {
     "GET /v1/suites/{suite}/trials",
     "GET /v1/towns",
     "GET /v1/towns/{town}",
+    "GET /v1/keys",
     "GET /v1/leaderboards",
     "GET /v1/leaderboards/{suite}",
     "GET /v1/leaderboards/{suite}/compare",
@@ -87,7 +88,7 @@ def test_replies_with_an_id_lead_to_the_calls_that_take_it(document: dict[str, A
     assert links["POST /v1/evaluations"] == below["evaluation"]
     assert links["POST /v1/evaluations/{evaluation}/episodes"] == links["POST /v1/episodes"] == below["episode"]
     assert links["POST /v1/submissions"] == below["submission"]
-    assert (len(below["evaluation"]), len(below["submission"])) == (5, 3)
+    assert (len(below["evaluation"]), len(below["submission"])) == (6, 3)
 
 
 def links_of(reply: dict[str, Any]) -> list[dict[str, Any]]:

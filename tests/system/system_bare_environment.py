@@ -16,6 +16,7 @@ SOURCES = {
     "networks": "networks",
     "service": "service",
     "agents": "agents",
+    "certificates": "plugins/certificates",
     "exploits": "plugins/exploits",
     "figures": "plugins/figures",
     "marln": "plugins/marln",

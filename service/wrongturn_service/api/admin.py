@@ -220,7 +220,7 @@ def _entry(row: AuditRow) -> AuditEntry:
         actor=row.actor,
         address=row.address,
         action=AuditAction(row.action),
-        collection=Collection(row.kind),
+        collection="keys" if row.kind == "keys" else Collection(row.kind),
         target=row.target,
         name=row.name,
         reason=row.reason,

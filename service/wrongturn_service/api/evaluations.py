@@ -18,6 +18,7 @@ from wrongturn_protocol import (
     ProblemType,
     ResultsRequest,
 )
+from wrongturn_protocol.certificates import Certificate
 from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import Caller
@@ -102,6 +103,14 @@ def _open(row: EvaluationRow) -> ConflictError:
 async def evaluation(service: ServiceDep, authorization: AuthorizationDep, evaluation: str) -> Response:
     """Show an evaluation: its state and progress, then its secret and metrics. A finished one is public."""
     return reply(await _current(service, await _visible(service, authorization, evaluation)))
+
+
+@router.get("/{evaluation}/certificate", **described(Certificate, 404, 409), **WITHOUT_TOKEN_TOO)
+async def certificate(service: ServiceDep, authorization: AuthorizationDep, evaluation: str) -> Response:
+    """Show the signed record of a finished evaluation. ``wrongturn verify`` checks it. It is public once finished."""
+    row = await _visible(service, authorization, evaluation)
+    key = ("certificate", row.id, row.state, service.certificates.public)
+    return Response(await service.cache.get(key, lambda: service.certificates.of(row)), media_type=Encoding.JSON)
 
 
 @router.delete("/{evaluation}", **described(EvaluationDetail, 404))

@@ -2,9 +2,13 @@
 
 import asyncio
 import contextlib
+import json
+import platform
 import secrets
 import time
 from collections.abc import Callable, Iterable, Iterator
+from importlib.metadata import version
+from typing import Final
 from weakref import WeakValueDictionary
 
 import structlog
@@ -20,6 +24,9 @@ from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.usage import reserve_of
 from wrongturn_service.telemetry import Telemetry
 from wrongturn_service.tokens import new_id
+
+_PACKAGES: Final = ("libsumo", "numba", "numpy", "scipy", "wrongturn-client", "wrongturn-networks", "wrongturn-service")
+"""Packages whose versions decide what is driven, seen and judged."""
 
 
 class Schedule:
@@ -200,7 +207,8 @@ class RunningEvaluations:
             return metrics.compute(draw, outcomes).model_dump_json()
 
         # Statistics take a while; in a thread they do not hold up other agents.
-        if await self._store.finish_evaluation(evaluation_id, await asyncio.to_thread(compute)):
+        versions = json.dumps({"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}})
+        if await self._store.finish_evaluation(evaluation_id, await asyncio.to_thread(compute), versions):
             for outcome in outcomes.values():
                 self._telemetry.ended.labels("true", outcome.verdict.value).inc()
         self._log.info("evaluation finished", evaluation=evaluation_id, suite=evaluation.suite)

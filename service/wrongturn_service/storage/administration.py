@@ -9,7 +9,7 @@ from sqlalchemy import ColumnElement, and_, delete, false, func, or_, select, up
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_protocol import SubmissionState
-from wrongturn_protocol.administration import Contents
+from wrongturn_protocol.administration import AuditKind, Contents
 from wrongturn_protocol.vocabulary import AuditAction, Collection
 from wrongturn_service.storage import held
 from wrongturn_service.storage.accounts import end_tokens
@@ -20,6 +20,7 @@ from wrongturn_service.storage.models import (
     HeldRow,
     IdempotencyRow,
     OwnerRow,
+    SigningKeyRow,
     SubmissionRow,
     TrajectoryRow,
     UnusedSecretRow,
@@ -92,7 +93,7 @@ class Act:
     reason: str | None = None
 
     async def note(
-        self, session: AsyncSession, action: AuditAction, target: tuple[Collection, str, str], contents: Contents
+        self, session: AsyncSession, action: AuditAction, target: tuple[AuditKind, str, str], contents: Contents
     ) -> None:
         """Add an entry about a target, by its kind, its id and its name, as the last one."""
         collection, item_id, name = target
@@ -102,7 +103,7 @@ class Act:
             actor=self.actor,
             address=self.address[:64],
             action=action.value,
-            kind=collection.value,
+            kind=str(collection),
             target=item_id,
             name=name[:_LONGEST_NAME],
             reason=self.reason,
@@ -113,6 +114,22 @@ class Act:
 
 class AdministrationStore(Queries):
     """Reads and deletes for the operator. Each method is one transaction."""
+
+    async def keys(self) -> Sequence[SigningKeyRow]:
+        """Return the keys of certificates, newest first."""
+        return await self._all(select(SigningKeyRow).order_by(SigningKeyRow.seq.desc()))
+
+    async def add_key(self, public: str, private: bytes | None, act: Act | None) -> None:
+        """Let a new key sign, and forget the private part of the one before. Raises ValueError for a retired key."""
+        async with self._database.write() as session:
+            if await session.scalar(select(SigningKeyRow).where(SigningKeyRow.public == public)) is not None:
+                raise ValueError("the key was retired; make a new one")
+            before = update(SigningKeyRow).where(SigningKeyRow.retired.is_(None))
+            await session.execute(before.values(retired=time.time(), private=None))
+            seq = await next_number(session, SigningKeyRow.seq)
+            session.add(SigningKeyRow(seq=seq, public=public, private=private, created=time.time()))
+            if act is not None:
+                await act.note(session, AuditAction.ROTATE, ("keys", f"key {seq}", public), Contents())
 
     async def page(self, collection: Collection, filters: Filters, after: After | None, limit: int) -> Sequence[Found]:
         """Return some items, newest first.

@@ -91,11 +91,11 @@ class EvaluationStore(Queries):
                 row.driven = time.time()
             return True
 
-    async def finish_evaluation(self, evaluation_id: str, metrics: str) -> bool:
-        """Store an evaluation's metrics. Return False if it was finished before."""
+    async def finish_evaluation(self, evaluation_id: str, metrics: str, versions: str) -> bool:
+        """Store an evaluation's metrics, and by which versions they were made. Return False if it was finished."""
         running = EvaluationRow.id == evaluation_id, EvaluationRow.state == EvaluationState.RUNNING
-        values = {"state": EvaluationState.FINISHED, "finished": time.time(), "metrics": metrics}
-        finish = update(EvaluationRow).where(*running).values(**values, stored_bytes=size_of(metrics))
+        values = {"state": EvaluationState.FINISHED, "finished": time.time(), "metrics": metrics, "versions": versions}
+        finish = update(EvaluationRow).where(*running).values(**values, stored_bytes=size_of(metrics, versions))
         return bool(await self._write(finish))
 
     async def delete_undriven(self, evaluation_id: str) -> bool:

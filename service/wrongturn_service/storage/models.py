@@ -116,6 +116,8 @@ class EvaluationRow(Base):
     finished: Mapped[float | None] = mapped_column(Double)
     metrics: Mapped[str | None] = mapped_column(Text)
     """JSON of Metrics, once finished."""
+    versions: Mapped[str | None] = mapped_column(Text)
+    """JSON of the versions of the service's packages when it finished, by name."""
     driven: Mapped[float | None] = mapped_column(Double)
     """When its first step arrived. From then on it counts."""
     hidden: Mapped[bool] = mapped_column(Boolean, default=False, server_default=false())
@@ -321,13 +323,28 @@ class AuditRow(Base):
     """Where the call came from."""
     action: Mapped[str] = mapped_column(_WORD)
     kind: Mapped[str] = mapped_column(_WORD)
-    """What the target is: an owner, an agent, an evaluation or a submission."""
+    """What the target is: an owner, an agent, an evaluation, a submission or a key."""
     target: Mapped[str] = mapped_column(_ID, index=True)
     name: Mapped[str] = mapped_column(String(160))
     reason: Mapped[str | None] = mapped_column(Text)
     """Why, as the operator says."""
     counts: Mapped[str] = mapped_column(Text)
     """JSON: how many rows of each kind were changed."""
+
+
+class SigningKeyRow(Base):
+    """A key that signs certificates, or has signed some. A retired one has no private part."""
+
+    __tablename__ = "signing_keys"
+
+    seq: Mapped[int] = mapped_column(BigInteger, primary_key=True, autoincrement=False)
+    """From 1. The last one signs."""
+    public: Mapped[str] = mapped_column(_SHA, unique=True)
+    """The 32 bytes, hexadecimal."""
+    private: Mapped[bytes | None] = mapped_column(LargeBinary)
+    """The 32 bytes. None if it is retired, or kept in a file."""
+    created: Mapped[float] = mapped_column(Double)
+    retired: Mapped[float | None] = mapped_column(Double)
 
 
 class ProbeRow(Base):

@@ -1,0 +1,1 @@
+"""Checks of the certificates that Wrongturn's services sign. It knows nothing of the service that made one."""
