@@ -46,7 +46,7 @@ _OF_ONE_SERVICE = (
     "owners",
 )
 # torch's exporter takes 5 s to load, once for each worker.
-_EXPORTS = ("test_export", *(f"training/test_{name}" for name in ("export_sb3", "doubting", "lbc")))
+_EXPORTS = ("test_export", *(f"training/test_{name}" for name in ("doubting", "lbc")))
 TOGETHER = {
     "tests/client": "clients",
     "tests/environments": "clients",
@@ -65,6 +65,7 @@ TOGETHER = {
     "tests/system/test_pages_run.py": "agents",
     **{f"tests/agents/{name}.py": "exports" for name in _EXPORTS},
     "tests/extending": "exports",
+    "plugins/sb3": "exports",
 }
 """Folders and files that share a service which takes long to start or to fill, or a large import: one worker runs
 all of a group. The longest group comes first."""

@@ -44,6 +44,8 @@ AGENTS: Final = MappingProxyType(
 """Classes of the baselines by name."""
 GROUP: Final = "wrongturn.agents"
 """Entry-point group of agents from other packages: each names a class, by the name that users give."""
+FILES: Final = "wrongturn.files"
+"""Entry-point group of classes that drive with a file, by the end of its name."""
 _TRAINED: Final = MappingProxyType({**SHIPPED_AGENTS, **DOUBTING_AGENTS})
 
 ZIP: Final = ".zip"
@@ -244,14 +246,13 @@ def _model(file: Path) -> AgentSource:
 
 def _saved_model(file: Path) -> AgentSource:
     _check_file(file, "what model.save of Stable-Baselines3 wrote")
-    try:
-        from wrongturn_agents.sb3_agent import Sb3Agent  # noqa: PLC0415 - loads an optional extra
-    except ImportError as error:
+    point = entry_points(FILES).get(ZIP.removeprefix("."))
+    if point is None:
         raise MissingPackageError(
-            f"agent: {file}: a model of Stable-Baselines3 needs {error.name}; install it with: "
+            f"agent: {file}: a model of Stable-Baselines3 needs wrongturn-sb3; install it with: "
             f"{python()} -m pip install 'wrongturn-agents[training]'"
-        ) from error
-    agent = Sb3Agent(file)
+        )
+    agent = load(point)(file)
     return _made(agent, partial(copy, agent), [file])
 
 

@@ -96,6 +96,13 @@ class LazyCommand(TyperCommand):
         return typer.main.get_command(target)
 
 
+def lazy_command(point: metadata.EntryPoint) -> LazyCommand:
+    """Return the command that an entry point names."""
+    command = LazyCommand(point.name, help=summary(point) or f"See 'wrongturn {point.name} --help'.")
+    command.entry_point = point
+    return command
+
+
 class PluginGroup(TyperGroup):
     """Commands of the program: its own, then those of other packages."""
 
@@ -136,9 +143,7 @@ class PluginGroup(TyperGroup):
         point = None if own is not None else entry_points(self.plugins).get(cmd_name)
         if point is None:
             return own
-        command = LazyCommand(cmd_name, help=summary(point) or f"See 'wrongturn {cmd_name} --help'.")
-        command.entry_point = point
-        return command
+        return lazy_command(point)
 
 
 class TownCommands(PluginGroup):

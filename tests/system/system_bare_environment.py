@@ -21,6 +21,7 @@ SOURCES = {
     "figures": "plugins/figures",
     "marln": "plugins/marln",
     "openenv": "plugins/openenv",
+    "sb3": "plugins/sb3",
     "statistics": "plugins/statistics",
 }
 

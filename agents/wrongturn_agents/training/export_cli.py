@@ -1,24 +1,36 @@
 """``wrongturn export``: write a trained agent as an ONNX file that drives without torch."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 import typer
 from typer.core import TyperGroup
 
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
 from wrongturn_agents.training.errors import TrainingError, require_extra
+from wrongturn_client.plugins import entry_points, lazy_command
 
+EXPORTS: Final = "wrongturn.exports"
+"""Entry-point group of further kinds of export."""
 _COMPARED = 200
 _CHECKPOINT = "checkpoint"
 
 
 class _Exports(TyperGroup):
-    """Kinds of export. Without one, it is a checkpoint: ``wrongturn export CHECKPOINT FILE.onnx``."""
+    """Kinds of export, also of other packages. Without one, it is a checkpoint: ``export CHECKPOINT FILE.onnx``."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of the kinds."""
+        return [*super().list_commands(ctx), *entry_points(EXPORTS)]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a kind by its name; None if there is none."""
+        point = entry_points(EXPORTS).get(cmd_name)
+        return super().get_command(ctx, cmd_name) if point is None else lazy_command(point)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put ``checkpoint`` before arguments that name no kind."""
-        if args and args[0] not in (*self.commands, *ctx.help_option_names):
+        if args and args[0] not in (*self.list_commands(ctx), *ctx.help_option_names):
             args = [_CHECKPOINT, *args]
         return super().parse_args(ctx, args)
 
@@ -33,6 +45,10 @@ export = typer.Typer(
     epilog="Examples: wrongturn export runs/ppo-image-3/best.pt ppo-image.onnx; "
     "wrongturn export sb3 agent.zip --out agent.onnx",
 )
+
+
+@export.callback()
+def _kinds() -> None: ...  # keeps the kinds below it, although this package has one alone
 
 
 @export.command(_CHECKPOINT)
@@ -85,72 +101,3 @@ def export_checkpoint(
     if found is not None:
         for control, mean, greatest in zip(("steer", "throttle", "brake"), found.mean, found.greatest, strict=True):
             typer.echo(f"{control}: differs from the checkpoint's by {mean:.2g} on average, {greatest:.2g} at most")
-
-
-@export.command("sb3")
-def export_sb3(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE.zip",
-            help="What model.save of Stable-Baselines3 wrote. Example: agent.zip",
-            show_default=False,
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option("--out", help="File to write. Example: --out agent.onnx", metavar="FILE.onnx", show_default=False),
-    ],
-    *,
-    vecnormalize: Annotated[
-        Path | None,
-        typer.Option(
-            help="What VecNormalize.save wrote, if training normalised observations. Example: --vecnormalize stats.pkl",
-            show_default=False,
-        ),
-    ] = None,
-    actions: Annotated[
-        Path | None,
-        typer.Option(
-            help="For discrete actions: a JSON file with a list for each action, of steer and accelerate, or of steer, "
-            "throttle and brake. Example: --actions actions.json",
-            show_default=False,
-        ),
-    ] = None,
-    name: Annotated[
-        str | None,
-        typer.Option(
-            help="Name on the leaderboard; the file's by default. Example: --name my-agent", show_default=False
-        ),
-    ] = None,
-    description: Annotated[
-        str | None,
-        typer.Option(
-            help="One sentence for the leaderboard. Example: --description 'PPO on pictures'", show_default=False
-        ),
-    ] = None,
-) -> None:
-    """Export a policy of Stable-Baselines3: PPO, A2C, SAC, TD3, DDPG or DQN on an environment of Wrongturn.
-
-    Loading FILE.zip runs code that it names: export only files that you trust. If you have a features extractor of your
-    own, start the command in its folder, so that Python can import it.
-
-    Example: wrongturn export sb3 agent.zip --out agent.onnx
-    """
-    require_extra()
-    from wrongturn_agents.training.export import sb3, sb3_policy  # noqa: PLC0415
-
-    sb3_policy.check_files(file, vecnormalize)
-    loaded = " and ".join(str(each) for each in (file, vecnormalize) if each is not None)
-    typer.echo(f"Loading {loaded} runs code that is named inside: export only files that you trust.", err=True)
-    made = sb3.export_sb3(file, out, vecnormalize=vecnormalize, actions=actions, name=name, description=description)
-    size = out.stat().st_size
-    shown = f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{size / 1e3:.1f} kB"
-    typer.echo(
-        f"{out}: {made.algorithm}, {made.track} track, {shown}; takes "
-        f"{', '.join(made.inputs)}; gives {', '.join(made.outputs)}"
-    )
-    typer.echo(
-        f"On {sb3.COMPARED} sampled observations its actions differ from the policy's by {made.greatest:.2g} at most"
-        + (f" (by more than {sb3.TOLERANCE} on {made.exceptions})" if made.exceptions else "")
-    )

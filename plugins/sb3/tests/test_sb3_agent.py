@@ -1,7 +1,6 @@
 """A policy of Stable-Baselines3 drives as it predicts, or the run says why it cannot before anything begins."""
 
 import re
-import sys
 import zipfile
 
 import gymnasium
@@ -145,7 +144,6 @@ def test_files_that_are_no_model(tmp_path):
 
 def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
     (tmp_path / "agent.zip").touch()
-    monkeypatch.delitem(sys.modules, "wrongturn_agents.sb3_agent", raising=False)
-    monkeypatch.setitem(sys.modules, "torch", None)
-    with pytest.raises(MissingPackageError, match=r"needs torch; install it with: .*'wrongturn-agents\[training\]'"):
+    monkeypatch.setattr("wrongturn_agents.registry.FILES", "nobody.drives")
+    with pytest.raises(MissingPackageError, match=r"needs wrongturn-sb3; .*'wrongturn-agents\[training\]'"):
         resolve(str(tmp_path / "agent.zip"))

@@ -18,10 +18,10 @@ from torch import Tensor, nn
 from wrongturn_agents.errors import AgentsError
 from wrongturn_agents.onnx_agent import OnnxAgent
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.export.sb3_spaces import DrivingPolicy, Taken
 from wrongturn_agents.training.export.writing import check_target, export_graph, write_graph
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import observation_space
+from wrongturn_sb3.spaces import DrivingPolicy, Taken
 
 COMPARED: Final = 200
 """Observations on which a file is compared with its policy."""
@@ -58,7 +58,7 @@ def export_sb3(
 ) -> Exported:
     """Write a policy of Stable-Baselines3 as an ONNX file, if their actions are the same. Loading it runs its code.
 
-    The source and the two files of :class:`~wrongturn_agents.training.export.sb3_spaces.DrivingPolicy` make the policy;
+    The source and the two files of :class:`~wrongturn_sb3.spaces.DrivingPolicy` make the policy;
     the name, by default the file's, and the description are for the leaderboard.
     """
     source, file = Path(source), Path(file)

@@ -14,10 +14,10 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from wrongturn_agents.training.action import ACTION_SPACE, controls
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.export.sb3_policy import load_policy, load_statistics
 from wrongturn_protocol import Track
 from wrongturn_protocol.model_contract import CONTROLS
 from wrongturn_protocol.observations import FIELDS, Field, Observation, action_space, in_short, observation_space
+from wrongturn_sb3.policy import load_policy, load_statistics
 
 _TRACKS: Final = (Track.STATE, Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)  # smaller tracks first
 _CHANNELS_FIRST: Final = (2, 0, 1)

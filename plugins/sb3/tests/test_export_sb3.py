@@ -21,11 +21,11 @@ from typer.testing import CliRunner  # noqa: E402
 from wrongturn_agents import resolve  # noqa: E402
 from wrongturn_agents.training.action import ACTION_SPACE, controls  # noqa: E402
 from wrongturn_agents.training.errors import TrainingError  # noqa: E402
-from wrongturn_agents.training.export.sb3 import export_sb3  # noqa: E402
 from wrongturn_client.cli import app  # noqa: E402
 from wrongturn_protocol import Track  # noqa: E402
 from wrongturn_protocol.observations import action_space, observation_space  # noqa: E402
 from wrongturn_sandbox.checking import check  # noqa: E402
+from wrongturn_sb3.export import export_sb3  # noqa: E402
 
 CONTROLS, ACCELERATE = action_space(), ACTION_SPACE
 OFF_POLICY = {"buffer_size": 50, "device": "cpu", "seed": 1}

@@ -12,10 +12,10 @@ from gymnasium import spaces
 
 from wrongturn_agents.errors import ModelFileError
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.export.sb3_spaces import DrivingPolicy
 from wrongturn_client.invocation import program
 from wrongturn_protocol import Action, AgentKind
 from wrongturn_protocol.observations import Observation
+from wrongturn_sb3.spaces import DrivingPolicy
 
 
 class Sb3Agent:

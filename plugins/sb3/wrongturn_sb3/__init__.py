@@ -1,0 +1,1 @@
+"""Policies of Stable-Baselines3 as agents, and as ONNX files."""
