@@ -18,6 +18,7 @@ def page_paths(site: Site, suite: str) -> dict[str, str]:
         "town": "/towns/Town01",
         "submit": "/submit",
         "docs": "/docs",
+        "keys": "/keys",
     }
 
 

@@ -11,7 +11,8 @@ from filled_site import SUITE, Site
 from playwright.sync_api import Page
 from visiting import Accessible, Visit
 
-NAMES = ["leaderboard", "agents", "agent", "compare", "episode", "suites", "suite", "towns", "town", "submit", "docs"]
+NAMES = ["leaderboard", "agents", "agent", "compare", "episode", "suites", "suite", "towns", "town"]
+NAMES += ["submit", "docs", "keys"]
 DARK = NAMES[::2]
 """Pages that CI looks at in dark colours; at the others in light ones. The longer run takes both."""
 IN_CI = {"leaderboard", "agents", "episode"}
