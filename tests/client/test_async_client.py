@@ -27,7 +27,7 @@ def test_it_has_the_same_calls(blocking: type, awaited: type) -> None:
             assert inspect.signature(there) == inspect.signature(getattr(blocking, name))
 
 
-class Slow:
+class Unhurried:
     def reset(self, observation_space: object) -> None:
         pass
 
@@ -38,7 +38,7 @@ class Slow:
 async def test_calls_are_answered_while_others_wait() -> None:
     fake = FakeService(parallel=2)
     async with AsyncClient("http://fake", "t", transport=fake.transport) as client:
-        evaluation, suites = await asyncio.gather(client.evaluate(Slow(), "smoke@3"), client.suites())
+        evaluation, suites = await asyncio.gather(client.evaluate(Unhurried(), "smoke@3"), client.suites())
     assert evaluation.finished == evaluation.trials
     assert [suite.id for suite in suites] == ["smoke@3"]
 
