@@ -75,6 +75,7 @@ GOOD_FOR = {
     "running": {
         **OF_EPISODES,
         "GET /v1/evaluations/{evaluation}": {200},
+        "GET /v1/evaluations/{evaluation}/certificate": {409},
         "GET /v1/evaluations/{evaluation}/episodes": {200},
         "POST /v1/evaluations/{evaluation}/episodes": {201},
         "PUT /v1/evaluations/{evaluation}/results": {200},
