@@ -146,10 +146,8 @@ class PluginGroup(TyperGroup):
         return lazy_command(point)
 
 
-class TownCommands(PluginGroup):
-    """Commands about towns; without the name of one, the command ``list``."""
-
-    plugins = "wrongturn.commands.towns"
+class ListingGroup(PluginGroup):
+    """Commands about things of a sort; without the name of one, the command ``list``."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse a command line; what is no command is an argument of ``list``."""
@@ -157,8 +155,14 @@ class TownCommands(PluginGroup):
         return super().parse_args(ctx, args if args and args[0] in known else ["list", *args])
 
 
-class SuiteCommands(TownCommands):
-    """Commands about suites; without the name of one, the command ``list``."""
+class TownCommands(ListingGroup):
+    """Commands about towns."""
+
+    plugins = "wrongturn.commands.towns"
+
+
+class SuiteCommands(ListingGroup):
+    """Commands about suites."""
 
     plugins = "wrongturn.commands.suites"
 

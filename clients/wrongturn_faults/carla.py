@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from wrongturn_faults.plan import faulty_plan
+from wrongturn_faults.rules import OPENS
 
 EARTH = 6378137.0
 """Radius of CARLA's earth, metres."""
@@ -48,7 +49,7 @@ def _with(plan: list[Any], settings: Mapping[str, str], place: Any) -> list[Any]
         dose=_read(settings, "WRONGTURN_DOSE", float, None),
         period=_read(settings, "WRONGTURN_PERIOD", float, 1.0),
         seed=_read(settings, "WRONGTURN_SEED", int, 0),
-        window=_read(settings, "WRONGTURN_WINDOW", float, 15.0),
+        window=_read(settings, "WRONGTURN_WINDOW", float, OPENS),
     )
     return [
         (point, command if int(new) == _number(command) else _same_kind(command, int(new)))

@@ -7,8 +7,10 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from wrongturn_faults.commands import DIRECTIONS, Command
-from wrongturn_faults.rules import DOSES, RULES, Guidance, Order, Passage
+from wrongturn_faults.rules import AFTER, DOSES, OPENS, RULES, Guidance, Order, Passage
 
+_LANE_CHANGES = (5, 6)
+"""CARLA's numbers of a lane change to the left and to the right."""
 _STEP = 0.1
 """Seconds between two decisions of the car that is assumed to follow the plan."""
 
@@ -46,7 +48,7 @@ def faulty_plan(
     period: float = 1.0,
     seed: int = 0,
     speed: float = 8.0,
-    window: float = 15.0,
+    window: float = OPENS,
 ) -> list[Command]:
     """Return the commands of a plan with a fault at one junction.
 
@@ -93,14 +95,14 @@ def faulty_plan(
     for row in range(first, last):
         to_line, to_exit = along[here.begin] - along[row], along[here.end - 1] - along[row]
         passage = Passage(here.route, open_exits, to_line, to_exit, True)
-        around = to_line <= window and to_exit >= -5.0
+        around = to_line <= window and to_exit >= -AFTER
         guidance = Guidance(
             here.route if around else Command.LANE_FOLLOW,
             window,
             passage if to_exit >= 0.0 else None,
             passage if to_exit < 0.0 else None,
         )
-        if commands[row] in (5, 6) and not around:
+        if commands[row] in _LANE_CHANGES and not around:
             continue
         told[row] = rule(round((along[row] - along[first]) / speed / _STEP) * _STEP, guidance, order)
     return told

@@ -149,12 +149,11 @@ def _check(file: str, found: str, wanted: str) -> None:
 
 def _lanes(net: Net, nodes: Mapping[str, str]) -> dict[str, Lane]:
     """Return each edge's lane for the car, and the lanes into which others lead."""
-    streets = net.streets()
-    chosen = {edge: car_lane(net, lanes).id for edge, lanes in streets.items()}
+    streets, chosen = net.streets, net.car_lanes
     by_ends = defaultdict(list)
     for edge in streets:
         by_ends[net.edges[edge]].append(edge)
-    entered = {onward.to_lane for lane in chosen.values() for onward in _leading(net, lane, chosen)}
+    entered = {onward.to_lane for lane in chosen.values() for onward in _leading(net, lane)}
     found = {}
     for edge, lanes in streets.items():
         start, end = net.edges[edge]
@@ -182,18 +181,12 @@ def _lanes(net: Net, nodes: Mapping[str, str]) -> dict[str, Lane]:
     return found
 
 
-def car_lane(net: Net, lanes: Sequence[NetLane]) -> NetLane:
-    """Return the lane of an edge in which the car drives: the one that leads into most streets, next to the kerb."""
-    edges = {lane.id: {net.lanes[onward.to_lane].edge for onward in net.onward[lane.id]} for lane in lanes}
-    return max(lanes, key=lambda lane: len(edges[lane.id]))
-
-
-def _leading(net: Net, lane: str, chosen: Mapping[str, str]) -> list[NetConnection]:
+def _leading(net: Net, lane: str) -> list[NetConnection]:
     """Return one connection from a lane into each edge, into the lane for the car if there is one."""
     best: dict[str, NetConnection] = {}
     for onward in net.onward[lane]:
         edge = net.lanes[onward.to_lane].edge
-        if edge not in best or onward.to_lane == chosen[edge]:
+        if edge not in best or onward.to_lane == net.car_lanes[edge]:
             best[edge] = onward
     return [*best.values()]
 
@@ -220,9 +213,7 @@ def _carriageway(lanes: Sequence[NetLane], own: NetLane) -> tuple[Line, float]:
 def _approaches(net: Net, lanes: dict[str, Lane], junctions: Set[str], left_out: Container[str]) -> dict[str, Approach]:
     """Return the approaches, except the lanes that are left out and those whose exits no junction type has."""
     arriving: dict[str, list[Lane]] = defaultdict(list)
-    chosen = {edge: car_lane(net, on).id for edge, on in net.streets().items()}
-    for edge in chosen:
-        lane = lanes[chosen[edge]]
+    for lane in (lanes[name] for name in net.car_lanes.values()):
         if lane.end_junction is not None and lane.end_junction in junctions:
             arriving[lane.end_junction].append(lane)
     approaches = {}
@@ -230,7 +221,7 @@ def _approaches(net: Net, lanes: dict[str, Lane], junctions: Set[str], left_out:
         headings = [heading_of(lane.centreline[-2:]) for lane in coming]
         for lane, heading, arm in zip(coming, headings, arms_of(headings), strict=True):
             exits = {}
-            for connection in _leading(net, lane.id, chosen):
+            for connection in _leading(net, lane.id):
                 onward = lanes[connection.to_lane]
                 direction = direction_of(heading_of(onward.centreline[:2]) - heading)
                 path = _joined(

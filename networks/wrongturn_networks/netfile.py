@@ -68,8 +68,9 @@ class Net:
     roundabouts: frozenset[str]
     """Ids of the junctions on roundabouts."""
 
-    def streets(self) -> dict[str, list[NetLane]]:
-        """Return the car lanes of each normal edge that has any, from the kerb to the street's axis."""
+    @functools.cached_property
+    def streets(self) -> Mapping[str, list[NetLane]]:
+        """Car lanes of each normal edge that has any, from the kerb to the street's axis."""
         found: dict[str, list[NetLane]] = defaultdict(list)
         for lane in self.lanes.values():
             if lane.function == "normal" and lane.cars and len(lane.shape) > 1:
@@ -79,8 +80,17 @@ class Net:
     @property
     def crossed(self) -> list[str]:
         """Ids of the nodes that have an area for cars."""
-        used = {node for edge in self.streets() for node in self.edges[edge]}
+        used = {node for edge in self.streets for node in self.edges[edge]}
         return [node for node, one in self.junctions.items() if node in used and len(one.shape) > 2]
+
+    @functools.cached_property
+    def car_lanes(self) -> Mapping[str, str]:
+        """Each street's lane for the car: the one that leads into most streets, next to the kerb."""
+
+        def leads_into(lane: NetLane) -> int:
+            return len({self.lanes[onward.to_lane].edge for onward in self.onward[lane.id]})
+
+        return {edge: max(lanes, key=leads_into).id for edge, lanes in self.streets.items()}
 
     @functools.cached_property
     def onward(self) -> Mapping[str, list[NetConnection]]:

@@ -10,16 +10,6 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
 from small_networks import small_networks  # noqa: E402
 
 
-@pytest.fixture(scope="module")
-def one_thread() -> Iterator[None]:
-    """Small batches are slower with threads that wait for each other."""
-    torch = pytest.importorskip("torch")
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
 @pytest.fixture(name="small_networks", scope="module")
 def _small_networks() -> Iterator[None]:
     """Build the paper's agents with few channels and one block in each stage."""

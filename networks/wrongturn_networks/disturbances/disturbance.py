@@ -2,9 +2,8 @@
 
 from typing import Any, ClassVar
 
-from wrongturn_faults.rules import Guidance
 from wrongturn_networks.faults.fault import SILENCE, CommandFault, Dose, Ending, reaction_to_silence
-from wrongturn_protocol import Command, Reaction, Track, Trial
+from wrongturn_protocol import Reaction, Track, Trial
 from wrongturn_protocol.observations import Observation
 
 
@@ -20,10 +19,6 @@ class Disturbance(CommandFault):
     reactions = SILENCE
     tracks: ClassVar[tuple[Track, ...]] = (Track.CAMERA, Track.SEGMENTATION)
     """Tracks whose agents can notice it."""
-
-    def deliver(self, t: float, guidance: Guidance) -> Command:  # noqa: ARG002
-        """Return the route's command."""
-        return guidance.command
 
     @classmethod
     def reaction(cls, trial: Trial, ending: Ending) -> Reaction:  # noqa: ARG003

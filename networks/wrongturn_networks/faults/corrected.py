@@ -1,6 +1,6 @@
 """Corrected: a wrong command that is put right before the junction."""
 
-from wrongturn_faults.rules import OPENS
+from wrongturn_faults.rules import DOSES, OPENS
 from wrongturn_networks.faults.fault import Dose, WrongDirection
 from wrongturn_protocol import Command, FaultKind, Trial
 
@@ -13,7 +13,13 @@ class Corrected(WrongDirection):
     words = "The command first names the direction in which the junction has no exit, and is then put right."
     end = "the dose before the stop line"
     dose = Dose(
-        "how far before the stop line it is put right", "m", -10.0, 9.0, 5.0, (8.0, 5.0, 0.0), more_is_worse=False
+        "how far before the stop line it is put right",
+        "m",
+        -10.0,
+        9.0,
+        DOSES["corrected"],
+        (8.0, 5.0, 0.0),
+        more_is_worse=False,
     )
 
     @classmethod

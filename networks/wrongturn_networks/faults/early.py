@@ -1,6 +1,6 @@
 """Early: the route's command comes too soon, and ends too soon."""
 
-from wrongturn_faults.rules import OPENS
+from wrongturn_faults.rules import DOSES, OPENS
 from wrongturn_networks.faults.fault import CommandFault, Dose, Ending
 from wrongturn_networks.starts import WINDOW
 from wrongturn_protocol import Fault, FaultKind, Reaction, Trial
@@ -14,7 +14,7 @@ class Early(CommandFault):
     words = "The command is right, but it comes too early and ends too early."
     onset = "the dose before the window opens"
     end = "the dose before the window ends"
-    dose = Dose("how much too early it comes", "m", 1.0, 60.0, 20.0, (10.0, 20.0, 40.0))
+    dose = Dose("how much too early it comes", "m", 1.0, 60.0, DOSES["early"], (10.0, 20.0, 40.0))
     reactions = (Reaction.OBEYED, Reaction.EXIT, Reaction.FROZE, Reaction.OTHER)
 
     @classmethod

@@ -1,6 +1,6 @@
 """Flicker: the command alternates between right and wrong."""
 
-from wrongturn_faults.rules import missing_or_other
+from wrongturn_faults.rules import DOSES, missing_or_other
 from wrongturn_networks.faults.fault import Dose, WrongDirection
 from wrongturn_protocol import Command, FaultKind, Outcome, Trial
 
@@ -12,7 +12,7 @@ class Flicker(WrongDirection):
     guide_word = "part of"
     words = "The command alternates between the right direction and a wrong one."
     drawn = "where in its period it begins; at a crossing, which exit is the wrong one"
-    dose = Dose("the share of the time in which it is wrong", "", 0.1, 0.9, 0.5, (0.25, 0.5, 0.75))
+    dose = Dose("the share of the time in which it is wrong", "", 0.1, 0.9, DOSES["flicker"], (0.25, 0.5, 0.75))
     period = Dose("the time after which it repeats itself", "s", 0.2, 2.0, 1.0, (1.0,))
 
     @classmethod

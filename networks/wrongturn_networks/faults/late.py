@@ -1,5 +1,6 @@
 """Late: the route's command comes too late."""
 
+from wrongturn_faults.rules import DOSES
 from wrongturn_networks.faults.fault import SILENCE, CommandFault, Dose, Ending, reaction_to_silence
 from wrongturn_protocol import FaultKind, Reaction, Trial
 
@@ -12,7 +13,7 @@ class Late(CommandFault):
     words = "The command is right, but it comes too late."
     onset = "the dose past the place where the window opens"
     end = "the dose past the place where the window ends"
-    dose = Dose("how much too late it comes", "m", 1.0, 30.0, 15.0, (5.0, 15.0, 20.0))
+    dose = Dose("how much too late it comes", "m", 1.0, 30.0, DOSES["late"], (5.0, 15.0, 20.0))
     reactions = SILENCE
 
     @classmethod

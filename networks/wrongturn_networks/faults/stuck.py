@@ -1,8 +1,8 @@
 """Stuck: one command for the whole drive."""
 
-from wrongturn_faults.rules import pick
+from wrongturn_faults.rules import not_the_route
 from wrongturn_networks.faults.fault import WrongDirection
-from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Trial
+from wrongturn_protocol import Command, FaultKind, Trial
 
 
 class Stuck(WrongDirection):
@@ -18,4 +18,4 @@ class Stuck(WrongDirection):
     @classmethod
     def wrong(cls, trial: Trial) -> Command:
         """Return the direction."""
-        return pick(frozenset(DIRECTIONS) - {trial.route}, trial.seed)
+        return not_the_route(trial.route, trial.seed)

@@ -16,7 +16,7 @@ from shapely import STRtree
 
 from wrongturn_networks.junctions import Approach
 from wrongturn_networks.lanes import Line, heading_of
-from wrongturn_networks.loading import car_lane, town_of_net
+from wrongturn_networks.loading import town_of_net
 from wrongturn_networks.netfile import Net
 from wrongturn_networks.town import Town
 from wrongturn_protocol import PAPER_TYPES, Command
@@ -73,9 +73,10 @@ def unfit(net: Net, name: str) -> tuple[list[str], dict[str, str]]:
     )
     covered: dict[str, str] = {}
     for (a, b), shared in _shared(town):
-        covered.setdefault(a, f"levels: {a} and {b} cover {shared:.0f} m² of the same ground, as at a bridge")
+        reason = f"levels: {a} and {b} cover {shared:.0f} m² of the same ground, as at a bridge"
+        covered |= {one: reason for one in (a, b) if one not in covered}
     works = dict.fromkeys(nodes, 0)
-    chosen = [car_lane(net, lanes).id for lanes in net.streets().values()]
+    chosen = [*net.car_lanes.values()]
     for lane in (town.lanes[one] for one in chosen):
         if lane.end_junction is None:
             continue
@@ -97,7 +98,7 @@ def unfit(net: Net, name: str) -> tuple[list[str], dict[str, str]]:
 def _arms(net: Net) -> Counter[str]:
     """Return the number of streets that meet at each node."""
     streets: dict[frozenset[str], Counter[tuple[str, str]]] = defaultdict(Counter)
-    for edge in net.streets():
+    for edge in net.streets:
         streets[frozenset(net.edges[edge])][net.edges[edge]] += 1
     arms: Counter[str] = Counter()
     for ends, edges in streets.items():
@@ -184,5 +185,5 @@ def _shared(town: Town) -> Iterator[tuple[tuple[str, str], float]]:
         if one is not None and other is not None and one.edge == other.edge:
             continue
         most = _SEAM if one is not None and one.opposite == names[b] else _OVERLAP
-        if a != b and (shared := grounds[a].intersection(grounds[b]).area) > most:
+        if a < b and (shared := grounds[a].intersection(grounds[b]).area) > most:
             yield (names[a], names[b]), shared

@@ -184,7 +184,7 @@ def _read(net_file: Path, file: Path) -> Net:
             f"{file}: has coordinates up to {far:.0f} m, and {FARTHEST:.0f} is the limit; convert it with "
             "--option=--offset.disable-normalization=false, or by netconvert, which moves it to 0"
         )
-    if not net.streets():
+    if not net.streets:
         raise ImportTownError(f"{file}: has no road on which passenger cars may drive; check its vehicle classes")
     return net
 
@@ -194,7 +194,7 @@ def _junctions(net: Net, name: str) -> tuple[dict[str, str], dict[str, str]]:
     works, reasons = unfit(net, name)
     if not works:
         kinds = Counter(reason.partition(":")[0] for reason in reasons.values())
-        said = "; ".join(f"{count} by {kind}" for kind, count in kinds.most_common(5)) or "no three streets meet"
+        said = ", ".join(f"{kind} {count}" for kind, count in kinds.most_common(5)) or "no three streets meet"
         raise ImportTownError(f"{name}: none of its junctions works: {said}")
     position = {node: net.junctions[node].position for node in works}
     # From north to south, so that the names help to find one on the map.
