@@ -17,6 +17,7 @@ from wrongturn_client.options import Url
 from wrongturn_client.plugins import PluginGroup, SuiteCommands, TownCommands
 from wrongturn_client.replay_cli import replay
 from wrongturn_client.submit_cli import submissions, submit
+from wrongturn_client.watch_cli import watch
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
 
 app = typer.Typer(
@@ -143,6 +144,7 @@ def leaderboard(
 app.command()(submit)
 app.command()(submissions)
 app.command()(replay)
+app.command()(watch)
 app.add_typer(admin, name="admin")
 
 

@@ -9,10 +9,11 @@ from typing import Final
 
 from rich.console import Console
 from rich.filesize import decimal
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from wrongturn_client.client import Client
-from wrongturn_protocol import SubmissionDetail, SubmissionState
+from wrongturn_client.evaluation import Evaluation
+from wrongturn_protocol import EvaluationState, SubmissionDetail, SubmissionState
 from wrongturn_protocol.submissions import SubmissionLogLine
 
 _PAUSE: Final = 1.0
@@ -40,19 +41,20 @@ class Display:
     def uploaded(self, sent: int, total: int) -> None:
         """Show how many bytes of the model are sent; without a bar, once all are."""
         if self._bars is not None:
-            self._show("upload", f"{decimal(sent)} of {decimal(total)} sent", sent, total)
+            self.show("upload", f"{decimal(sent)} of {decimal(total)} sent", sent, total)
         elif sent >= total:
-            self._show("upload", f"{decimal(total)} sent", sent, total)
+            self.show("upload", f"{decimal(total)} sent", sent, total)
 
     def at(self, detail: SubmissionDetail) -> None:
         """Show where the submission is; the bar is that of the episodes."""
-        self._show(detail.state, whereabouts(detail), detail.finished or 0, detail.episodes)
+        self.show(detail.state, whereabouts(detail), detail.finished or 0, detail.episodes)
 
     def news(self, line: SubmissionLogLine) -> None:
         """Show a new line of the log with its time of day here."""
         self._print(f"{datetime.fromisoformat(line.time).astimezone():%H:%M:%S} {line.message}")
 
-    def _show(self, state: object, text: str, done: int, total: int | None) -> None:
+    def show(self, state: object, text: str, done: int, total: int | None) -> None:
+        """Show a text, and how much is done."""
         if self._bars is not None and self._bar is not None:
             if self._bars.tasks[0].total != total:  # another bar, whose time begins now
                 self._bars.reset(self._bar, total=total)
@@ -81,6 +83,18 @@ def follow(client: Client, submission: str, display: Display) -> SubmissionDetai
         time.sleep(_PAUSE)
 
 
+def watch(client: Client, evaluation: str) -> Evaluation:
+    """Show how far an evaluation is until it is over, and return it."""
+    detail = client.evaluation(evaluation)
+    with display_of(f"{client.agent(detail.agent).name} on {detail.suite}") as display:
+        while True:
+            display.show(detail.state, f"{detail.finished} of {detail.trials} episodes", detail.finished, detail.trials)
+            if detail.state is not EvaluationState.RUNNING:
+                return detail
+            time.sleep(_PAUSE)
+            detail = client.evaluation(evaluation)
+
+
 def whereabouts(detail: SubmissionDetail) -> str:
     """Return in a few words where a submission is."""
     match detail.state:
@@ -97,8 +111,8 @@ def whereabouts(detail: SubmissionDetail) -> str:
 
 def bars_on(console: Console) -> Progress:
     """Return the bar of a :class:`Display` on a terminal."""
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn(compact=True))
-    return Progress(*columns, console=console)
+    text, left = TextColumn("{task.description}", markup=False), TextColumn("left:")
+    return Progress(text, BarColumn(), TimeElapsedColumn(), left, TimeRemainingColumn(), console=console)
 
 
 @contextmanager
