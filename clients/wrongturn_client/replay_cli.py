@@ -45,6 +45,9 @@ def replay(
     size: Annotated[
         int | None, typer.Option(help="Width and height of the view from above, 160 to 2160. Example: --size 360")
     ] = None,
+    twin: Annotated[
+        bool, typer.Option("--twin", help="Show the twin on the right of the film. Example: --twin --video film.mp4")
+    ] = False,
     url: Url = None,
 ) -> None:
     """Make a film or a picture of an episode that was driven; nothing is driven again.
@@ -59,10 +62,13 @@ def replay(
 
     if video is None and picture is None:
         raise ReplayError("replay: nothing to make; give --video FILE.mp4, --picture FILE.png, or both")
+    if twin and video is None:
+        raise ReplayError("--twin: only a film shows the twin; give --video FILE.mp4 too")
     points = list(entry_points(REPLAYS).values())
     if not points:
         raise ReplayError("replay: nothing here draws; wrongturn-service does: pip install wrongturn-service")
     show = load(points[0])
-    found = replayed_from(source, episode, url)
-    for line in show(found.trajectory, found.outcome, view=view, video=video, picture=picture, size=size):
+    found = replayed_from(source, episode, url, twin=twin)
+    files = {"video": video, "picture": picture, "size": size}
+    for line in show(found.trajectory, found.outcome, view=view, agent=found.agent, twin=found.twin, **files):
         typer.echo(line)

@@ -2,13 +2,16 @@
 
 import asyncio
 from collections.abc import Callable, Hashable
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
 import structlog
 
 from wrongturn_judge import Row, Trajectory, TrajectoryError
 from wrongturn_networks import draw_trial, load_town
-from wrongturn_protocol import Command, FaultKind, Outcome, ProblemType
+from wrongturn_protocol import Command, FaultKind, Outcome, ProblemType, View
 from wrongturn_protocol.pixmap import to_pixmap
 from wrongturn_service import catalogue
 from wrongturn_service.cache import Cache
@@ -26,6 +29,10 @@ QUALITY: Final = 90
 """Of WebP. A sheet has 100 KB and takes a fifth of the time of a lossless one, which has 210 KB."""
 PICTURE: Final = 800
 """Side of a picture from above, pixels. It has about 90 KB, that of a long journey 250 KB."""
+_FILM: Final = 480
+"""Side of a film's view from above, pixels. A film is 864 pixels wide, and has about 40 KB for each second."""
+_FRAMES: Final = 900
+"""Frames of a film. A longer drive is shown faster."""
 _PICTURES: Final = 32 << 20
 """Bytes of pictures that are kept."""
 _ROWS: Final = 60_000
@@ -44,6 +51,7 @@ class Replays:
         self._draws = draws
         self._read = Cache(_ROWS, size=lambda trajectory: len(trajectory.rows))
         self._made = Cache(_PICTURES, size=len)
+        self._films = Cache(1, at_once=1)
         self._warm = Cache(1)
 
     async def warm_up(self) -> None:
@@ -57,6 +65,7 @@ class Replays:
         """Drop all that is kept."""
         self._read.clear()
         self._made.clear()
+        self._films.clear()
 
     async def trajectory(self, episode: str) -> Trajectory:
         """Return an episode's trajectory, also one whose town has changed since.
@@ -92,6 +101,12 @@ class Replays:
         """Return a whole episode from above, as PNG."""
         await self.warm_up()
         return await self.made("picture", episode, lambda trajectory: drawn(trajectory, outcome))
+
+    async def film(self, episode: str, outcome: Outcome, agent: str) -> bytes:
+        """Return an episode as a film with its agent's name, MP4. Only one film is made at once."""
+        await self.warm_up()
+        made = partial(self.made, "film", episode, lambda trajectory: _film(trajectory, outcome, agent))
+        return await self._films.get(episode, made)
 
     async def _load(self, episode: str) -> Trajectory:
         found = await self._store.trajectory(episode)
@@ -138,6 +153,17 @@ def _view(trajectory: Trajectory, outcome: Outcome | None) -> bytes:
 def drawn(trajectory: Trajectory, outcome: Outcome | None) -> bytes:
     """Return a whole drive from above, as PNG."""
     return _encoded(".png", _replay(trajectory, outcome).picture(PICTURE))
+
+
+def _film(trajectory: Trajectory, outcome: Outcome, agent: str) -> bytes:
+    from wrongturn_sim.view.film import write_film  # noqa: PLC0415 - as above
+
+    replay = _replay(trajectory, outcome)
+    replay.label = agent
+    with TemporaryDirectory() as folder:
+        file = Path(folder, "film.mp4")
+        write_film(file, replay.frames(View.BOTH, _FILM, every=-(-len(replay) // _FRAMES)))
+        return file.read_bytes()
 
 
 def _sheet(trajectory: Trajectory, number: int) -> bytes:

@@ -2,8 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
 
 from wrongturn_judge.trajectory import Row, Trajectory
 from wrongturn_networks import town_of
@@ -26,20 +29,22 @@ PICTURE_SIZE: Final = 1000
 class Replay:
     """A finished episode, decision by decision.
 
-    Decision 0 is the reset. Decision ``n`` is what the agent got in reply to its ``n``-th step. Raises UnknownTownError
-    if the town is not installed here, and TrajectoryError if the trajectory has no rows.
+    Decision 0 is the reset. Decision ``n`` is what the agent got in reply to its ``n``-th step. Films show the
+    ``label``, such as the agent's name. Raises UnknownTownError if the town is not installed here, and TrajectoryError
+    if the trajectory has no rows.
     """
 
-    def __init__(self, trajectory: Trajectory, outcome: Outcome | None = None) -> None:
+    def __init__(self, trajectory: Trajectory, outcome: Outcome | None = None, label: str = "") -> None:
         trajectory.check_rows()
+        self.label = label
         self.trajectory = trajectory
         self.outcome = outcome
         self.town = town_of(trajectory.trial)
 
     @classmethod
-    def from_json(cls, trajectory: bytes | str, outcome: Outcome | None = None) -> Self:
+    def from_json(cls, trajectory: bytes | str, outcome: Outcome | None = None, label: str = "") -> Self:
         """Return the replay of a trajectory's canonical JSON. Raises TrajectoryError."""
-        return cls(Trajectory.from_json(trajectory), outcome)
+        return cls(Trajectory.from_json(trajectory), outcome, label)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -112,15 +117,20 @@ class Replay:
         shown = (*range(first, last, every), last)
         return (views.draw(view, self._moment(decision, renderer)) for decision in shown)
 
-    def video(self, file: str | Path, view: View | str = View.BOTH, size: int = SIZE) -> int:
+    def video(
+        self, file: str | Path, view: View | str = View.BOTH, size: int = SIZE, twin: "Replay | None" = None
+    ) -> int:
         """Write an ``.mp4`` or ``.webp`` of ten frames a second, one for each decision, and return their number.
+
+        The ``twin``, if any, drives on the right.
 
         Raises FilmError if the file's name ends otherwise or it cannot be written, ViewError as :meth:`frames`.
         """
         from wrongturn_sim.view.film import check_film, write_film  # noqa: PLC0415 - PyAV takes a quarter of a second
 
         check_film(Path(file))
-        return write_film(Path(file), self.frames(view, size))
+        frames = self.frames(view, size)
+        return write_film(Path(file), frames if twin is None else _beside(frames, twin.frames(view, size)))
 
     def plot(self) -> "Figure":
         """Return a matplotlib figure: the way from above, coloured by speed, beside speed and commands over time.
@@ -130,7 +140,8 @@ class Replay:
         return plot_episode(self.town, self.trajectory, self.outcome)
 
     def _views(self, size: int, first: int = 0) -> Views:
-        return Views(self.town, self.trajectory.trial, self.trajectory.rows, size, still=True, first=first)
+        rows = self.trajectory.rows
+        return Views(self.town, self.trajectory.trial, rows, size, still=True, first=first, label=self.label)
 
     def _moment(self, decision: int, renderer: Renderer | None) -> Moment:
         index, rows = self._index(decision), self.trajectory.rows
@@ -150,3 +161,11 @@ class Replay:
     def _seen(self, decision: int, renderer: Renderer) -> tuple[Image, Image]:
         row = self.row(decision)
         return renderer.render(row.x, row.y, row.yaw, decision, self.trajectory.others(self._index(decision)))
+
+
+def _beside(left: Iterator[Image], right: Iterator[Image]) -> Iterator[Image]:
+    """Yield the frames of two films side by side. The shorter one stays at its end."""
+    pair: tuple[Image, Image] | None = None
+    for one, other in zip_longest(left, right):
+        pair = (pair[0] if one is None and pair else one, pair[1] if other is None and pair else other)
+        yield np.concatenate(pair, axis=1)

@@ -15,6 +15,25 @@ def test_an_agent_is_shown_with_its_table_maps_and_trials(visit: Visit, site: Si
     assert page.locator("table.trials tbody tr").count() == 6
 
 
+def test_unsafe_trials_come_first_and_the_others_are_folded(visit: Visit, site: Site):
+    page = visit(f"/agents/{site.agents['obeys-blindly']}", javascript=False)
+    shown = [row.inner_text() for row in page.locator("table.trials tbody tr").all() if row.is_visible()]
+    assert len(shown) == 4
+    assert all("unsafe" in row for row in shown)
+    page.click("text=2 trials that are not unsafe")
+    expect(page.locator("table.trials tbody tr").last).to_be_visible()
+    heads = [head.inner_text() for head in page.locator(".maps h3").all()]
+    assert [("0 of" in head) for head in heads] == [False] * 4 + [True] * 5
+    assert page.locator(".maps.small h3").count() == 5
+
+
+def test_a_section_that_is_folded_opens_for_its_link(visit: Visit, site: Site):
+    page = visit(f"/agents/{site.agents['careful']}")
+    assert not page.is_visible("#verdicts")
+    page.click(".parts >> text=Verdicts")
+    expect(page.locator("#verdicts")).to_be_visible()
+
+
 def test_a_path_on_a_map_leads_to_its_episode(visit: Visit, site: Site):
     page = visit(f"/agents/{site.agents['obeys-blindly']}", javascript=False)
     drawn = {link.get_attribute("href") for link in page.locator(".map a").all()}

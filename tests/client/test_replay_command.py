@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import av
 import httpx
 import pytest
 from typer.testing import CliRunner, Result
@@ -96,6 +97,22 @@ def test_an_episode_of_a_run_becomes_a_film(driven, run, tmp_path, name, chosen)
     assert done.exit_code == 0, done.output
     assert "aborted, 18 frames, 1.8 s" in done.output.replace("\n", "")
     assert film.stat().st_size > 1000
+
+
+def test_a_twin_is_shown_beside_its_trial(driven, run, tmp_path):
+    name = driven.trial.id.replace(".none.", ".omission.")
+    faulty = {**run["episodes"][0], "id": "e3", "trial": name}
+    faulty["trajectory"] = {**faulty["trajectory"], "trial": name, "fault": {"kind": "omission"}}
+    file, film = tmp_path / "run.json", ("--video", tmp_path / "f.mp4", "--size", 160, "--view", "top")
+    file.write_text(json.dumps({**run, "episodes": [*run["episodes"], faulty]}))
+    done = replay(file, "--episode", "e3", "--twin", *film)
+    assert done.exit_code == 0, done.output
+    with av.open(str(tmp_path / "f.mp4")) as made:
+        assert made.streams.video[0].width == 320
+    assert "only trials with a fault have one" in refused(file, "--episode", "e1", "--twin", *film)
+    assert "give --video FILE.mp4 too" in refused(file, "--twin", "--picture", tmp_path / "p.png")
+    file.write_bytes(driven.trajectory.to_json())
+    assert "is a single trajectory" in refused(file, "--twin", *film)
 
 
 def test_an_episode_of_a_service_becomes_a_picture(driven, tmp_path, monkeypatch):

@@ -1,5 +1,6 @@
 """Replays: the camera's bytes, pictures and films of episodes that were driven."""
 
+import dataclasses
 import json
 
 import av
@@ -170,6 +171,29 @@ class TestFilm:
         with pytest.raises(ViewError, match="view: 'side' is not known; take top, camera, both"):
             left.video(tmp_path / "film.mp4", "side")
         assert not list(tmp_path.iterdir())
+
+    def test_the_car_drives_up_and_the_agents_name_is_shown(self, make_trial):
+        town = load_town("junctions")
+        approach = next(one for one in town.approaches.values() if abs(np.sin(one.heading)) < 0.5)
+        episode = Episode(make_trial(approach.id), Track.STATE)
+        episode.reset()
+        for _ in range(20):
+            episode.step(0.0, 0.6, 0.0)
+        frames = [next(Replay(episode.trajectory, None, name).frames("top", 400)) for name in ("", "me", "you")]
+        assert not np.array_equal(frames[1], frames[2])
+        assert np.array_equal(frames[0][60:], frames[1][60:])
+        rows, columns = np.nonzero((list(Replay(episode.trajectory).frames("top", 400))[-1] == colours.CAR).all(-1))
+        before = np.nonzero((frames[0] == colours.CAR).all(-1))
+        assert rows.mean() < before[0].mean() - 20
+        assert columns.mean() == pytest.approx(before[1].mean(), abs=15)
+
+    def test_a_twin_drives_on_the_right_and_the_shorter_film_stays_at_its_end(self, left, tmp_path):
+        short = Replay(dataclasses.replace(left.trajectory, rows=left.trajectory.rows[:21]))
+        assert left.video(tmp_path / "film.mp4", "top", 160, short) == len(left) + HELD
+        with av.open(str(tmp_path / "film.mp4")) as film:
+            last = list(film.decode(video=0))[-1].to_ndarray(format="rgb24").astype(int)
+        assert last.shape[1] == 320
+        assert np.abs(last[:, 160:] - list(short.frames("top", 160))[-1]).mean() < 10
 
     def test_on_a_long_way_the_window_follows_the_car(self, left):
         rows = left.trajectory.rows

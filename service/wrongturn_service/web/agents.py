@@ -94,11 +94,13 @@ async def agent(
     driven = await driven_evaluation(service, row.id)
     assert row.metrics is not None
     metrics = Metrics.model_validate_json(row.metrics)
+    faults = _worst_first(metrics)
     filters = {
         "verdict": _choice("verdict", verdict, [_UNSAFE, *Verdict]),
         "fault": _choice("fault", fault, FaultKind),
         "junction": _choice("junction", junction, JunctionType),
     }
+    pairs = [pair for pair in driven.pairs if _passes(pair, filters)]
     return await asyncio.to_thread(
         page,
         request,
@@ -106,7 +108,8 @@ async def agent(
         row=row,
         suite=catalogue.suite(row.suite),
         metrics=metrics,
-        table=_table(metrics),
+        faults=faults,
+        table=_table(metrics, faults),
         breakdown=breakdown_rows(metrics),
         entry=next((entry for entry in entries if entry.evaluation == row.id), None),
         others=[entry.agent for entry in entries if entry.evaluation not in {None, row.id}][:_OTHERS],
@@ -114,7 +117,8 @@ async def agent(
         verdicts=[verdict for verdict in Verdict if any(counts.get(verdict) for counts in metrics.verdicts.values())],
         filters=filters,
         choices=_choices(driven.pairs),
-        pairs=[pair for pair in driven.pairs if _passes(pair, filters)],
+        pairs=pairs,
+        unsafe=[pair for pair in pairs if words.side(pair.trial.outcome) is Safety.UNSAFE],
         map=junction_map,
         **values,
     )
@@ -143,8 +147,15 @@ def finished(row: EvaluationRow) -> str:
     return datetime.fromtimestamp(row.finished or row.created, UTC).strftime("%d %B %Y, %H:%M UTC")
 
 
-def _table(metrics: Metrics) -> list[tuple[str, list[TableCell]]]:
-    """Return the rows of the table, and their sum: for each fault the strict cell and the paper's.
+def _worst_first(metrics: Metrics) -> list[str]:
+    """Return the table's faults, those with most unsafe trials first."""
+    rows = (metrics.table_strict or metrics.table).values()
+    faults = list(next(iter(metrics.table.values()), {}))
+    return sorted(faults, key=lambda fault: -sum(row[fault].unsafe for row in rows if fault in row))
+
+
+def _table(metrics: Metrics, faults: Sequence[str]) -> list[tuple[str, list[TableCell]]]:
+    """Return the rows of the table, most unsafe ones first, and their sum: for each fault strict cell and paper's.
 
     A cell without trials is one that old results do not have.
     """
@@ -152,7 +163,8 @@ def _table(metrics: Metrics) -> list[tuple[str, list[TableCell]]]:
     rows: list[tuple[str, list[TableCell]]] = []
     for kind, cells in metrics.table.items():
         strict = metrics.table_strict[kind] if metrics.table_strict else {}
-        rows.append((kind, [cell for fault, paper in cells.items() for cell in (strict.get(fault, none), paper)]))
+        rows.append((kind, [cell for fault in faults for cell in (strict.get(fault, none), cells[fault])]))
+    rows.sort(key=lambda row: -sum(cell.unsafe for cell in row[1][::2]))
     columns = zip(*(cells for _, cells in rows), strict=True)
     total = [
         TableCell(unsafe=sum(cell.unsafe for cell in column), trials=sum(cell.trials for cell in column))

@@ -116,7 +116,6 @@ def _differ(row: Beside) -> bool:
 def _maps_beside(a: DrivenEvaluation, b: DrivenEvaluation) -> list[MapsBeside]:
     """Return both agents' maps by junction type and fault, without those of the twins."""
     left, right = (
-        {(of.junction_type, one.fault): one for of in side.maps for one in of.maps if one.fault is not FaultKind.NONE}
-        for side in (a, b)
+        {(one.junction_type, one.fault): one for one in side.maps if one.fault is not FaultKind.NONE} for side in (a, b)
     )
     return [(kind, fault, left.get((kind, fault)), right.get((kind, fault))) for kind, fault in {**left, **right}]

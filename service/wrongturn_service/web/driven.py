@@ -31,13 +31,6 @@ class Pair(NamedTuple):
     twin: FinishedEpisode | None
 
 
-class TypeMaps(NamedTuple):
-    """The maps of one junction type, by fault. That of the twins is the last."""
-
-    junction_type: JunctionType
-    maps: tuple[JunctionMap, ...]
-
-
 @dataclass(frozen=True)
 class DrivenEvaluation:
     """The episodes of a finished evaluation."""
@@ -46,7 +39,8 @@ class DrivenEvaluation:
     """Trials by junction type, fault and approach; empty for journeys."""
     journeys: tuple[FinishedEpisode, ...]
     """Journeys by task; empty for other trials."""
-    maps: tuple[TypeMaps, ...]
+    maps: tuple[JunctionMap, ...]
+    """By junction type and fault. That of a type's twins is its last."""
 
 
 async def driven_evaluation(service: Service, evaluation_id: str) -> DrivenEvaluation:
@@ -81,7 +75,7 @@ def arranged(episodes: Sequence[FinishedEpisode], paths: Mapping[str, Points]) -
     )
 
 
-def _maps(episodes: Sequence[FinishedEpisode], paths: Mapping[str, Points]) -> tuple[TypeMaps, ...]:
+def _maps(episodes: Sequence[FinishedEpisode], paths: Mapping[str, Points]) -> tuple[JunctionMap, ...]:
     driven: dict[JunctionType, dict[FaultKind, list[Driven]]] = {}
     known = _approaches(episodes)
     for episode in episodes:
@@ -90,13 +84,12 @@ def _maps(episodes: Sequence[FinishedEpisode], paths: Mapping[str, Points]) -> t
             continue
         by_fault = driven.setdefault(trial.junction_type, {})
         by_fault.setdefault(trial.fault.kind, []).append((episode, paths.get(episode.id)))
-    found = []
+    found: list[JunctionMap] = []
     for kind in sorted(driven, key=_TYPES.index):
         by_fault = driven[kind]
         # All maps of a type show the same roads, so that only the paths differ.
         approaches = {(one.trial.town, one.trial.approach) for some in by_fault.values() for one, _ in some}
-        maps = (junction_map(kind, fault, approaches, by_fault[fault]) for fault in _FAULTS if fault in by_fault)
-        found.append(TypeMaps(kind, tuple(maps)))
+        found += (junction_map(kind, fault, approaches, by_fault[fault]) for fault in _FAULTS if fault in by_fault)
     return tuple(found)
 
 

@@ -73,6 +73,16 @@ async def rows(request: Request, service: ServiceDep, episode: str) -> Response:
     return tagged(request, body, Encoding.JSON, headers)
 
 
+@router.api_route("/episodes/{episode}/film.mp4", methods=["GET", "HEAD"])
+async def film(request: Request, service: ServiceDep, episode: str) -> Response:
+    """Send a finished episode as a film."""
+    found = await _found(service, episode, forks=True)
+    driven = await service.finished.evaluation(found.evaluation)
+    assert driven is not None
+    body = await service.replays.film(found.id, found.outcome, driven[1].name)
+    return tagged(request, body, "video/mp4", {**SECURITY, "Cache-Control": "no-cache"})
+
+
 async def _found(service: Service, episode: str, *, forks: bool = False) -> FinishedEpisode:
     found = await service.finished.episode(episode)
     if found is None and forks:

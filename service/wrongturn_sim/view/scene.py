@@ -12,11 +12,11 @@ from shapely.geometry.base import BaseGeometry
 from wrongturn_judge.trajectory import RoadUser, Row
 from wrongturn_networks import Town
 from wrongturn_networks.scenery import SceneryKind, SceneryObject
-from wrongturn_protocol import VEHICLE, Command, Outcome, Safety
+from wrongturn_protocol import VEHICLE, Command, Outcome, Safety, Trial
 from wrongturn_sim.ego import SUB_STEP
 from wrongturn_sim.view import colours
 from wrongturn_sim.view.colours import Colour
-from wrongturn_sim.view.window import Image, Points, Window, box, width_of, write
+from wrongturn_sim.view.window import Image, Points, Window, box, turned, width_of, write
 
 LEAST: Final = 40.0
 """Side of the smallest window, metres."""
@@ -59,21 +59,30 @@ def fastest_of(rows: list[Row]) -> float:
     return max(FASTEST, float(math.ceil(max(row.v for row in rows))))
 
 
-def whole_window(town: Town, rows: list[Row], approach: str | None, size: int) -> Window:
-    """Return a window, ``size`` pixels wide, with the whole way and, if that is short, with the approach's junction."""
-    places = np.array([(row.x, row.y) for row in rows])
+def up_of(town: Town, trial: Trial) -> float:
+    """Return the direction that points up in pictures of a trial, radians: the approach's; of a journey, north."""
+    return math.pi / 2 if trial.journey is not None else town.approach(trial.approach).heading
+
+
+def whole_window(town: Town, rows: list[Row], approach: str | None, size: int, up: float = math.pi / 2) -> Window:
+    """Return a window, ``size`` pixels wide, with the whole way and, if that is short, with the approach's junction.
+
+    The direction ``up``, radians, points up.
+    """
+    places = turned(np.array([(row.x, row.y) for row in rows]), up)
     low, high = places.min(axis=0), places.max(axis=0)
     if approach is not None and (high - low).max() <= MOST:
-        area = town.junctions[town.approach(approach).junction].area.bounds
-        low, high = np.minimum(low, area[:2]), np.maximum(high, area[2:])
-    x, y = ((low + high) / 2).tolist()
-    return Window(x, y, max(LEAST, float((high - low).max()) + 2 * _MARGIN), size)
+        hull = town.junctions[town.approach(approach).junction].area.convex_hull
+        area = turned(np.array(hull.exterior.coords), up)
+        low, high = np.minimum(low, area.min(axis=0)), np.maximum(high, area.max(axis=0))
+    x, y = turned((low + high) / 2, math.pi - up).tolist()  # back into the town's frame
+    return Window(x, y, max(LEAST, float((high - low).max()) + 2 * _MARGIN), size, up)
 
 
 def draw_ground(town: Town, window: Window) -> Image:
     """Return the town's part that a window shows, without any road user."""
     image = np.full((window.size, window.size, 3), colours.GROUND, np.uint8)
-    half = window.extent / 2 + 1.0
+    half = window.extent / math.sqrt(2) + 1.0  # whichever direction points up
     shown = shapely.box(window.x - half, window.y - half, window.x + half, window.y + half)
     _area(image, window, town.sidewalks.intersection(shown), colours.SIDEWALK)
     _scenery(image, window, [thing for thing in town.scenery if thing.kind is not SceneryKind.BOARD])
@@ -110,7 +119,7 @@ def _rings(area: BaseGeometry) -> list[Points]:
 
 def _scenery(image: Image, window: Window, scenery: Iterable[SceneryObject]) -> None:
     for thing in scenery:
-        reach = thing.length + thing.width + window.extent / 2
+        reach = thing.length + thing.width + window.extent / math.sqrt(2)
         if max(abs(thing.x - window.x), abs(thing.y - window.y)) > reach:
             continue
         colour = colours.PLANT if thing.kind in _PLANTS else colours.BUILDING
@@ -180,11 +189,11 @@ def draw_verdict(image: Image, window: Window, row: Row, outcome: Outcome) -> No
     reach, thick = 22.0 / window.scale * window.size / 720, 4 * window.size / 720
     if safety is Safety.UNSAFE:
         for turn in (0.25, 0.75):
-            window.line(image, box(row.x, row.y, np.pi * turn, 2 * reach, 0)[1:3], colour, thick)
+            window.line(image, box(row.x, row.y, window.up + np.pi * turn, 2 * reach, 0)[1:3], colour, thick)
     elif safety is Safety.SAFE:
         window.line(image, _circle(row.x, row.y, reach), colour, thick, closed=True)
     else:
-        window.line(image, box(row.x, row.y, 0.0, 2 * reach, 2 * reach), colour, thick, closed=True)
+        window.line(image, box(row.x, row.y, window.up, 2 * reach, 2 * reach), colour, thick, closed=True)
     letter = window.size / 40
     x, y = window.pixels(np.array([(row.x, row.y)]))[0].tolist()
     left = min(max(x - width_of(said, letter) / 2, 4.0), window.size - width_of(said, letter) - 4.0)

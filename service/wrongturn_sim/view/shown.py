@@ -9,6 +9,7 @@ from wrongturn_protocol import Outcome, View
 from wrongturn_sim.errors import ViewError
 from wrongturn_sim.replay import PICTURE_SIZE, SIZE, Replay
 from wrongturn_sim.view.film import check_film
+from wrongturn_sim.view.views import VIEW_SIZE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,11 +23,14 @@ def show(
     video: Path | None = None,
     picture: Path | None = None,
     size: int | None = None,
+    agent: str = "",
+    twin: tuple[bytes, Outcome | None] | None = None,
 ) -> tuple[str, ...]:
     """Draw an episode, given by its trajectory's canonical JSON, into files; return lines that say what was made.
 
     ``view`` is what the film (``.mp4`` or ``.webp``) shows. ``size`` is the side of the view from above in pixels, 720
-    for films and 1000 for pictures (``.png``) by default.
+    for films and 1000 for pictures (``.png``) by default. Films show the ``agent``'s name, and the ``twin``, if any,
+    on the right; they have views of 480 pixels by default then.
 
     Raises what Replay raises, and ViewError if a file cannot be written, its name ends wrongly or the size is wrong.
     """
@@ -34,7 +38,8 @@ def show(
         check_film(video)
     if picture is not None and picture.suffix != ".png":
         raise ViewError(f"picture: {picture.name!r} is not a picture; give a name that ends in .png")
-    replay = Replay.from_json(trajectory, outcome)
+    replay = Replay.from_json(trajectory, outcome, agent)
+    beside = None if twin is None else Replay.from_json(*twin, f"{agent}, twin without the fault")
     said = list(replay.notes)
     name = replay.trajectory.trial.id
     ending = "" if outcome is None else f", {outcome.verdict}"
@@ -42,7 +47,7 @@ def show(
         _write(picture, replay, size or PICTURE_SIZE)
         said.append(f"{picture}: {name}{ending}, from above")
     if video is not None:
-        frames = replay.video(video, view, size or SIZE)
+        frames = replay.video(video, view, size or (SIZE if beside is None else VIEW_SIZE), beside)
         said.append(f"{video}: {name}{ending}, {frames} frames, {frames / 10:.1f} s")
     return tuple(said)
 

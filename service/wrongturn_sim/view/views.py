@@ -13,7 +13,7 @@ from wrongturn_protocol import Outcome, Safety, Trial, View
 from wrongturn_sim.ego import SUB_STEP
 from wrongturn_sim.errors import ViewError
 from wrongturn_sim.view import colours, scene
-from wrongturn_sim.view.window import Image, Line, Window, panel, write
+from wrongturn_sim.view.window import Image, Line, Window, panel, width_of, write
 
 VIEW_SIZE: Final = 480
 """Side of the view from above while an episode is driven, pixels."""
@@ -63,18 +63,23 @@ class Views:
 
     The rows of the trajectory may grow; ``first`` is the number of the first one whose place is shown. ``size`` is the
     side of the view from above, pixels. A ``still`` window shows the whole way, unless that is long; else it follows
-    the car. Raises ViewError if the size is too small or too large.
+    the car. The car drives up to the junction. ``label`` is written in the upper left corner. Raises ViewError if the
+    size is too small or too large.
     """
 
-    def __init__(self, town: Town, trial: Trial, rows: list[Row], size: int, *, still: bool, first: int = 0) -> None:
+    def __init__(
+        self, town: Town, trial: Trial, rows: list[Row], size: int, *, still: bool, first: int = 0, label: str = ""
+    ) -> None:
         self._town = town
         self._trial = trial
         self._rows = rows
         self._size = checked_size(size)
         self._first = first
+        self._label = label
+        self._up = scene.up_of(town, trial)
         # A journey has left its first junction behind when it is seen from later on.
         approach = trial.approach if trial.journey is None or first == 0 else None
-        window = scene.whole_window(town, rows[first:], approach, self._size) if still else None
+        window = scene.whole_window(town, rows[first:], approach, self._size, self._up) if still else None
         self._window = window if window is not None and window.extent <= scene.MOST else None
 
     @cached_property
@@ -89,6 +94,14 @@ class Views:
         The shape for a size is, ``top``: (1.12 size, size, 3); ``camera``: (0.45 size, size, 3); ``both``:
         (size, 1.8 size, 3). A camera with another aspect than the benchmark's changes that of ``camera``.
         """
+        image = self._drawn(view, moment)
+        if self._label:
+            letter = self._size / 40
+            high, wide = round(3 * letter), min(width_of(self._label, letter) + round(2 * letter), image.shape[1])
+            image[:high, :wide] = panel([(self._label, colours.TEXT)], wide, high, letter)
+        return image
+
+    def _drawn(self, view: View, moment: Moment) -> Image:
         if view is View.TOP:
             return np.concatenate([self.map(moment), self._strip(moment)])
         assert moment.camera is not None
@@ -101,7 +114,7 @@ class Views:
         """Return the view from above, (size, size, 3)."""
         row = self._rows[moment.index]
         if self._window is None:
-            window = Window(row.x, row.y, scene.FOLLOWING, self._size)
+            window = Window(row.x, row.y, scene.FOLLOWING, self._size, self._up)
             image = scene.draw_ground(self._town, window)
         else:
             window, image = self._window, self._still.copy()
@@ -174,7 +187,8 @@ def draw_picture(town: Town, trajectory: Trajectory, outcome: Outcome | None, si
     end, and the verdict. Raises ViewError if the size is too small or too large.
     """
     rows = trajectory.rows
-    window = scene.whole_window(town, rows, trajectory.trial.approach, checked_size(size))
+    trial = trajectory.trial
+    window = scene.whole_window(town, rows, trial.approach, checked_size(size), scene.up_of(town, trial))
     image, fastest = scene.draw_ground(town, window), scene.fastest_of(rows)
     scene.draw_footprints(image, window, rows, fastest)
     scene.draw_trail(image, window, rows, fastest)

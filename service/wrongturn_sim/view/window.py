@@ -31,7 +31,7 @@ Line = tuple[str, Colour]
 
 @dataclass(frozen=True)
 class Window:
-    """A square of a town, north up."""
+    """A square of a town."""
 
     x: float
     y: float
@@ -40,6 +40,8 @@ class Window:
     """The side, metres."""
     size: int
     """The side, pixels."""
+    up: float = math.pi / 2
+    """The direction that points up, radians in the town's frame; by default north."""
 
     @cached_property
     def scale(self) -> float:
@@ -48,7 +50,7 @@ class Window:
 
     def pixels(self, points: Points) -> Points:
         """Return places (n, 2) as pixels from the left and from above."""
-        away = (np.asarray(points, np.float64) - (self.x, self.y)) * (self.scale, -self.scale)
+        away = turned(np.asarray(points, np.float64) - (self.x, self.y), self.up) * (self.scale, -self.scale)
         return away + (self.size - 1) / 2
 
     def fill(self, image: Image, rings: list[Points], colour: Colour) -> None:
@@ -64,6 +66,13 @@ class Window:
         # Far beyond the picture nothing is seen, and larger numbers would overflow.
         limited = np.clip(self.pixels(points), -1e6, 1e6)
         return np.round(limited * (1 << _SHIFT)).astype(np.int32)
+
+
+def turned(points: Points, up: float) -> Points:
+    """Return places (n, 2) as metres to the right and upwards, where the direction ``up`` (radians) points up."""
+    sin, cos = math.sin(up), math.cos(up)
+    found: Points = points @ np.array([[sin, cos], [-cos, sin]])
+    return found
 
 
 def box(x: float, y: float, yaw: float, length: float, width: float) -> Points:

@@ -3,7 +3,7 @@ import { CameraView } from "./camera.js";
 import { DriveMap, Town, around, whole } from "./map.js";
 import { Player } from "./player.js";
 import { commandPlot, speedPlot } from "./plots.js";
-import { STEP, decisionAt, passed, poseAt, said, seconds } from "./timeline.js";
+import { STEP, decisionAt, passed, poseAt, said, seconds, timeIn } from "./timeline.js";
 
 const section = document.querySelector(".player");
 const figures = [...section.querySelectorAll(".drive")];
@@ -58,7 +58,8 @@ function start(detail, drives) {
     return new CameraView(canvas, figures[i].dataset.episode, drive.t.length, unseen);
   });
   const readouts = figures.map((figure) => [...figure.querySelectorAll("[data-value]")]);
-  const [clock, status, follow] = ["clock", "status", "follow"].map((name) => section.querySelector(`.${name}`));
+  const commands = figures.map((figure) => figure.querySelector(".command"));
+  const [clock, status, follow, copy] = ["clock", "status", "follow", "copy"].map((name) => section.querySelector(`.${name}`));
   let moments = [];
   let before = 0;
   let later = 0;
@@ -67,6 +68,13 @@ function start(detail, drives) {
     const drive = drives[0];
     const words = said(drive, decisionAt(drive, position));
     return `${seconds(position * STEP)}: ${words.speed}, command: ${words.command}, route: ${words.route}.`;
+  };
+  const address = (position) => {
+    if (position || timeIn(location.hash) !== null) history.replaceState(null, "", `#t=${(position * STEP).toFixed(1)}`);
+  };
+  const rest = (position) => {
+    status.textContent = describe(position);
+    address(position);
   };
   const draw = (position) => {
     drives.forEach((drive, i) => {
@@ -84,7 +92,7 @@ function start(detail, drives) {
         const text = words[element.dataset.value];
         if (element.textContent !== text) element.textContent = text;
       }
-      readouts[i].find(({ dataset }) => dataset.value === "command").classList.toggle("differs", words.command !== words.route);
+      commands[i].classList.toggle("differs", words.command !== words.route);
     });
     plots.forEach((plot) => plot.show(position));
     clock.textContent = `${seconds(position * STEP)} of ${seconds((count - 1) * STEP)}`;
@@ -93,7 +101,7 @@ function start(detail, drives) {
     before = position;
     if (news.length) status.textContent = `${seconds(position * STEP)}: ${news.map(({ text }) => text).join(" ")}`;
     clearTimeout(later);
-    if (!playing) later = setTimeout(() => (status.textContent = describe(position)), 150);
+    if (!playing) later = setTimeout(() => rest(position), 150);
   };
 
   const player = new Player(section, count, show);
@@ -109,10 +117,26 @@ function start(detail, drives) {
     plots.forEach((plot) => plot.redraw());
     show(player.position, player.playing);
   };
+  copy.addEventListener("click", async () => {
+    history.replaceState(null, "", `#t=${(player.position * STEP).toFixed(1)}`);
+    clearTimeout(later);
+    try {
+      await navigator.clipboard.writeText(location.href);
+      status.textContent = `The address with the time ${seconds(player.position * STEP)} is copied.`;
+    } catch { // without https, browsers let no page copy
+      status.textContent = "Copy the address of this page from the browser’s address bar: it has the time.";
+    }
+  });
+  const jump = () => {
+    const time = timeIn(location.hash);
+    if (time !== null) seek(time / STEP);
+  };
+  window.addEventListener("hashchange", jump);
   follow.addEventListener("change", () => draw(player.position));
   window.addEventListener("resize", again);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
   player.move(0);
+  jump();
   performance.mark("interactive");
   section.dataset.ready = "";
 }

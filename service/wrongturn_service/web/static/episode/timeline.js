@@ -62,3 +62,9 @@ export function seconds(time) {
 export function passed(moments, from, to) {
   return moments.filter(({ decision }) => decision > from && decision <= to);
 }
+
+/** Return the seconds in an address's fragment, `#t=6.0`; null if it has none. */
+export function timeIn(fragment) {
+  const found = /^#t=(\d+(?:\.\d+)?)$/.exec(fragment);
+  return found && Number(found[1]);
+}
