@@ -118,7 +118,7 @@ def json_schema(track: Track) -> dict[str, Any]:
     Each property also has the array's type and shape as ``x-dtype`` and ``x-shape``.
     """
     return {
-        "title": f"Observation of the {track} track",
+        "description": f"Observation of the {track} track.",
         "type": "object",
         "properties": {field.name: _property(field) for field in FIELDS[track]},
         "required": [field.name for field in FIELDS[track]],
@@ -131,8 +131,13 @@ def _property(field: Field) -> dict[str, Any]:
     if field.image:
         characters = 4 * -(-math.prod(field.shape) * field.numpy_dtype.itemsize // 3)
         properties = {
-            "shape": {"const": list(field.shape)},
-            "dtype": {"const": field.dtype_name},
+            "shape": {
+                "type": "array",
+                "items": {"type": "integer"},
+                "minItems": len(field.shape),
+                "maxItems": len(field.shape),
+            },
+            "dtype": {"type": "string", "const": field.dtype_name},
             "data": {
                 "type": "string",
                 "contentEncoding": "base64",

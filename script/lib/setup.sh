@@ -100,8 +100,9 @@ setup() {
   fi
   pip install "${wanted[@]}" || fail "pip could not install the packages; see its message above"
   # The tests need OpenEnv's client alone. Its server brings 100 more packages and an older pillow than ours.
-  [[ $level == run ]] || pip install -c constraints.txt --no-deps openenv-core ||
-    fail "pip could not install openenv-core; see its message above"
+  # openapi-python-client asks for an older typer than ours, and works with this one.
+  [[ $level == run ]] || pip install -c constraints.txt --no-deps openenv-core openapi-python-client ruamel.yaml shellingham ||
+    fail "pip could not install openenv-core and openapi-python-client; see its message above"
   printf '%s' "$digest $PWD" >.venv/.wrongturn-run
   printf '%s' "$digest $PWD" >"$stamp"
   exec 9>&-

@@ -37,6 +37,7 @@ from wrongturn_service.web import places as place_pages
 DESCRIPTION = """How safely does a driving agent behave when its command is wrong?
 
 Register an agent, begin an evaluation, and drive its episodes: each POST of an episode is a reset, each step 0.1 s.
+Calls of episodes also take and reply `application/msgpack`.
 Errors are `application/problem+json`; their types are explained at `/problems/{type}`.
 """
 
@@ -60,7 +61,7 @@ def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner:
             raise
 
     app = FastAPI(
-        title="Wrongturn",
+        title="Wrongturn API",
         version="1",
         description=DESCRIPTION,
         lifespan=lifespan,

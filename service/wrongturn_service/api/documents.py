@@ -25,7 +25,7 @@ from wrongturn_protocol import (
     Track,
     WhatIfRequest,
 )
-from wrongturn_protocol.observations import json_schema
+from wrongturn_protocol.observations import FIELDS, json_schema
 from wrongturn_service.api.dependencies import Body, RequestKey, ServiceDep, Token, accepted
 from wrongturn_service.api.examples import add_examples
 from wrongturn_service.encoding import Encoding
@@ -35,8 +35,10 @@ WORDS: Final[dict[str, dict[str, str]]] = tomllib.loads(
     (files("wrongturn_service.api") / "words.toml").read_text("utf-8")
 )
 """Meanings of problems, statuses and parameters, and of the groups of calls."""
-OBSERVATIONS: Final = {track: f"{track.capitalize()}Observation" for track in Track}
-"""Name of each track's schema."""
+OBSERVATIONS: Final = {
+    track: f"{track.capitalize()}Observation" for track in sorted(Track, key=lambda track: -len(FIELDS[track]))
+}
+"""Name of each track's schema. One with more keys comes first: generated clients take the first that fits."""
 _REFERENCE = "#/components/schemas/{model}"
 _INPUTS: list[tuple[Any, Literal["validation"]]] = [
     *((model, "validation") for model in (AgentRegistration, EvaluationRequest, OwnerRegistration, PracticeRequest)),
@@ -44,7 +46,6 @@ _INPUTS: list[tuple[Any, Literal["validation"]]] = [
 ]
 WITHOUT_TOKEN_TOO: Final[dict[str, Any]] = {"openapi_extra": {"security": [{}]}}
 """Keyword arguments of a route that shows a finished evaluation, or an episode of one, without a token too."""
-_BINARY: Final[dict[str, Any]] = {"schema": {"type": "string", "format": "binary"}}
 _MADE = {
     "/v1/agents": "agent",
     "/v1/owners": "owner",
@@ -72,12 +73,15 @@ def described(
     good: dict[str, Any] = {"description": "As asked"}
     if message is not None:
         good["model"] = message
+    elif media.startswith("image/"):  # generators of clients know no schema for it
+        good["description"] = f"A picture, {media}"
     elif status != 204:
         good["content"] = {media: {}}
     responses = {status: good, **{code: _problem(code) for code in (*problems, 503)}}
     if tagged:
         responses[304] = {"description": "If-None-Match names the reply's ETag"}
-    return {"status_code": status, "response_model": None, "responses": responses}
+    # A plain Response, so that FastAPI adds no JSON to the document.
+    return {"status_code": status, "response_model": None, "response_class": Response, "responses": responses}
 
 
 def _problem(status: int) -> dict[str, Any]:
@@ -100,15 +104,11 @@ class Route(APIRoute):
                     self._add_problems(422)
                 case call if call is accepted:
                     self._add_problems(406)
-                    good = self.responses.setdefault(self.status_code or 200, {})
-                    good["content"] = {"application/msgpack": _BINARY}
         self.responses = dict(sorted(self.responses.items(), key=lambda item: str(item[0])))
 
     def _add_body(self, body: Body[Any]) -> None:
         self._add_problems(400, 408, 413, 415, 422)
         content = {"application/json": {"schema": {"$ref": _REFERENCE.format(model=body.model.__name__)}}}
-        if body.binary:
-            content["application/msgpack"] = _BINARY
         self.openapi_extra = {"requestBody": {"required": True, "content": content}}
 
     def _add_problems(self, *statuses: int) -> None:
@@ -134,7 +134,10 @@ def built(app: FastAPI) -> dict[str, Any]:
         description=app.description,
         routes=app.routes,
         servers=app.servers or None,
+        tags=[{"name": name, "description": meaning} for name, meaning in WORDS["groups"].items()],
     )
+    about = "WS /v1/drive, a WebSocket for many episodes at once. OpenAPI cannot describe it."
+    found["externalDocs"] = {"description": about, "url": "docs#websocket"}
     schemas = found.setdefault("components", {}).setdefault("schemas", {})
     _, definitions = models_json_schema(_INPUTS, ref_template=_REFERENCE)
     for name, schema in definitions.get("$defs", {}).items():
@@ -142,15 +145,15 @@ def built(app: FastAPI) -> dict[str, Any]:
     # FastAPI's own errors, which this service never sends.
     schemas.pop("HTTPValidationError", None)
     schemas.pop("ValidationError", None)
-    for path in found["paths"].values():
-        for operation in path.values():
+    for path, operations in found["paths"].items():
+        for method, operation in operations.items():
+            operation["operationId"] = name = WORDS["operations"][f"{method.upper()} {path}"]
+            operation["summary"] = name.replace("_", " ").capitalize()
             refused = operation["responses"].get("422", {}).get("content", {})
             if "application/json" in refused:
                 del operation["responses"]["422"]
             for parameter in operation.get("parameters", []):
                 parameter.setdefault("description", WORDS["parameters"].get(parameter["name"], ""))
-            for reply in operation["responses"].values():
-                _drop_json(reply.get("content", {}))
     _add_observations(schemas)
     add_examples(found["paths"])
     _link(found["paths"])
@@ -173,12 +176,6 @@ def _add_observations(schemas: dict[str, Any]) -> None:
         schemas[reply]["properties"]["observation"] = observation
     last = schemas["EpisodeDetail"]["properties"]["last_reply"]
     last["anyOf"] = [reference("EpisodeReply"), reference("StepReply"), {"type": "null"}]
-
-
-def _drop_json(content: dict[str, Any]) -> None:
-    """Drop the JSON that FastAPI adds to a reply of another media type."""
-    if len(content) > 1 and content.get("application/json") == {"schema": {}}:
-        del content["application/json"]
 
 
 def _link(paths: dict[str, Any]) -> None:

@@ -105,7 +105,7 @@ def _curl(method: str, path: str, operation: dict[str, Any], media: str | None, 
 def _content(part: dict[str, Any]) -> tuple[str | None, dict[str, Any]]:
     """Return the media type of a body or reply that people read, with its schema and example; None without any."""
     contents = part.get("content", {})
-    media = next((media for media in contents if media != "application/msgpack"), None)
+    media = next(iter(contents), None)
     return media, contents.get(media, {})
 
 
