@@ -8,6 +8,7 @@ from typing import Final
 from wrongturn_client.errors import ModelFileError
 from wrongturn_client.invocation import program
 from wrongturn_protocol import ContractError, Track, contract_of, signature_of
+from wrongturn_protocol.onnx_file import check_whole
 
 _HEAD: Final = 64
 """Bytes that tell other kinds of files apart."""
@@ -61,6 +62,7 @@ def check_contract(path: Path, tracks: Collection[Track]) -> None:
     """
     try:
         contract_of(signature_of(path), tracks)
+        check_whole(path)
     except OSError as error:
         raise ModelFileError(f"FILE: {path} cannot be read: {error.strerror or error}") from error
     except ContractError as error:

@@ -14,7 +14,7 @@ from wrongturn_protocol.model_contract import ContractError, ModelSignature, Ten
 # Fields of messages.
 _GRAPH, _OPSET_IMPORT, _METADATA = 7, 8, 14  # of ModelProto
 _INITIALIZER, _INPUT, _OUTPUT, _SPARSE_INITIALIZER = 5, 11, 12, 15  # of GraphProto
-_TENSOR_NAME: Final = 8  # of TensorProto
+_TENSOR_NAME, _EXTERNAL_DATA = 8, 13  # of TensorProto
 _TENSOR_TYPE: Final = 1  # of TypeProto
 # Of the other messages, 1 is the name, key, domain, type of elements, list of sizes or size, and 2 what belongs to it.
 _FIRST, _SECOND = 1, 2
@@ -51,6 +51,16 @@ def signature_of(file: Path) -> ModelSignature:
         raise ContractError("the file is no ONNX model, or is cut off; export the model again") from error
 
 
+def check_whole(file: Path) -> None:
+    """Raise ContractError if weights of a model that :func:`signature_of` has read lie in another file."""
+    with file.open("rb") as opened, mmap(opened.fileno(), 0, access=ACCESS_READ) as data:
+        if _Reader(data).needs_another_file():
+            raise ContractError(
+                "weights lie in another file; store them in the model itself (onnx.save with save_as_external_data="
+                "False, torch.onnx.export with external_data=False)"
+            )
+
+
 def opset_of(file: Path) -> int:
     """Return the version of ONNX's default domain that a model imports; 0 if it imports none, or is no ONNX model."""
     try:
@@ -83,6 +93,9 @@ class _Reader:
         metadata = {self._text_in(entry, _FIRST): self._text_in(entry, _SECOND) for entry in entries}
         taken = tuple(put for put in inputs if put.name not in weights)
         return ModelSignature(taken, outputs, max(opsets, default=0), metadata)
+
+    def needs_another_file(self) -> bool:
+        return any(self._values((0, len(self._data)), _GRAPH, _INITIALIZER, _EXTERNAL_DATA))
 
     def _tensor(self, value: int | Span) -> TensorSpec:
         """Return an input or output, which is a ``ValueInfoProto``."""

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
+import onnx
 import pytest
 from client_fake_submissions import TIME, WAY, FakeSubmissions
 from onnx import TensorProto, helper
@@ -261,6 +263,10 @@ def test_what_breaks_the_contract_is_told_before_anything_is_registered(
     assert "input speed: takes (N, 2); let it take (N, 1)" in said
     said = refused(write_model(tmp_path / "expert.onnx", track="privileged"))
     assert "inputs: the suite does not take the model's track, privileged; set the metadata's track to camera" in said
+    whole = onnx.load(write_model(tmp_path / "split.onnx"))
+    whole.graph.initializer.append(onnx.numpy_helper.from_array(np.zeros(2000, np.float32), "weights"))
+    onnx.save(whole, tmp_path / "split.onnx", save_as_external_data=True, location="split.data")
+    assert "split.onnx: weights lie in another file; store them in the model itself" in refused(tmp_path / "split.onnx")
     (tmp_path / "noise.onnx").write_bytes(bytes(range(8, 200)))
     assert "noise.onnx: the file is no ONNX model, or is cut off" in refused(tmp_path / "noise.onnx")
     assert served.owners == {}

@@ -109,7 +109,7 @@ async def test_a_restored_submission_without_its_model_has_failed(tmp_path: Path
         # Names are free again, but for the agent whose evaluation counts.
         for name in ("queued", "checked", "running"):
             expect(await hand_in(http, model(name=name)), 202)
-        problem(await hand_in(http, model(name="driven")), 409, "agent-name-taken")
+        problem(await hand_in(http, model(name="driven")), 409, "evaluation-open")
         closed = next(row for row in listed if row["name"] == "driven")
         assert closed["finished"] == 0
         assert closed["episodes"] > 0
@@ -135,7 +135,7 @@ async def test_an_end_that_was_cut_off_is_made_up_for_at_the_start(tmp_path: Pat
         assert (shown["state"], shown["reason"]) == ("cancelled", "cut off")
         if drives:
             assert expect(await http.get(f"/v1/evaluations/{ids['evaluation']}"), 200)["state"] == "finished"
-            problem(await hand_in(http), 409, "agent-name-taken")
+            problem(await hand_in(http), 409, "evaluation-open")
         else:
             assert "agent" not in shown
             expect(await hand_in(http), 202)

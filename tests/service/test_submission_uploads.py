@@ -128,6 +128,25 @@ def peeked(raw: socket.socket) -> bytes:
         raw.settimeout(60)
 
 
+@pytest.mark.parametrize(
+    ("name", "suite", "status"), [("theirs", "smoke@3", 409), ("mine", "none@1", 404), ("?", "smoke@3", 422)]
+)
+def test_a_name_or_suite_that_is_refused_costs_no_upload(taking: Taking, name: str, suite: str, status: int) -> None:
+    theirs = {"Authorization": f"Bearer {taking.owner(f'owner {status}')}", "Content-Type": TYPE}
+    httpx.post(f"{taking.url}/v1/submissions", content=named("theirs"), headers=theirs, timeout=60)
+    body = model(MUCH * 24, name, suite)
+    with connected(taking) as raw:
+        raw.sendall(taking.head(len(body)) + body[: 2 << 20])
+        until(lambda: bool(peeked(raw)))
+        assert http_problem(rest(raw))[0] == status
+    # A client that sends on meets the end of the connection, and finds the reply.
+    with httpx.Client(base_url=taking.url, headers={"Authorization": f"Bearer {taking.token}"}, timeout=60) as http:
+        reply = http.post(
+            "/v1/submissions", data={"suite": suite, "name": name}, files={"model": ("a.onnx", MUCH * 24)}
+        )
+    assert reply.status_code == status
+
+
 def test_who_waits_for_100_gets_it(taking: Taking) -> None:
     body = named("waits for 100")
     with connected(taking) as raw:

@@ -177,7 +177,7 @@ async def test_one_that_waits_is_cancelled_without_a_trace(http: httpx.AsyncClie
     practice = {"suite": "smoke@3", "trial": (await http.get("/v1/suites/smoke@3/trials")).json()["trials"][0]["id"]}
     episode = expect(await http.post("/v1/episodes", json=practice, headers=bearer(token)), 201)["id"]
     shown = expect(await http.get(f"/v1/submissions/{second['id']}"), 200)
-    problem(await hand_in(http), 409, "agent-name-taken")
+    problem(await hand_in(http), 409, "evaluation-open")
     assert service_of(http).episodes.open == 1
     expect(await http.delete(f"/v1/submissions/{second['id']}"), 200)
     assert service_of(http).episodes.open == 0
@@ -209,7 +209,7 @@ async def test_one_that_runs_is_cancelled_as_its_evaluation_is_closed(http: http
         assert files(http) == [f"{found['id']}.onnx"]
         closed = expect(await http.get(f"/v1/evaluations/{evaluation}"), 200)
         assert closed["state"] == "finished"
-        problem(await hand_in(http), 409, "agent-name-taken")
+        problem(await hand_in(http), 409, "evaluation-open")
     else:
         assert "evaluation" not in gone
         assert files(http) == []

@@ -134,6 +134,35 @@ def test_a_model_that_works_is_checked_driven_and_on_the_leaderboard(stage: Stag
     assert owner.cancel(submission) == found
 
 
+def test_the_same_model_by_the_same_name_is_the_same_agent_on_another_suite(stage: Stage) -> None:
+    service = stage.serve()
+    owner, other = stage.owner(service), stage.owner(service)
+    model = stage.model()
+    suites = ("smoke@3", "wrong-command@3")  # the second is handed in while the first waits for its check
+    both = [owner.until(one, "finished") for one in [owner.hand_in(model, "mine", suite) for suite in suites]]
+    third = owner.until(owner.hand_in(model, "MINE", "wrong-command-extended@1"), "running", "finished")
+    assert len({found["agent"] for found in (*both, third)}) == 1
+    problem(owner.post(model, "mine"), 409, "evaluation-open", "suite")
+    problem(owner.post(stage.model(), "mine", "navigation@1"), 409, "agent-name-taken", "name")
+    problem(other.post(model, "mine", "navigation@1"), 409, "agent-name-taken", "name")
+    owner.cancel(third["id"])
+
+
+def test_an_agent_that_a_second_submission_needs_stays_when_the_first_is_cancelled(stage: Stage) -> None:
+    owner = stage.owner(stage.serve(submissions=1))
+    stays = owner.hand_in(stage.model(drive=["wait"]), "in the way")
+    owner.until(stays, "running")
+    model = stage.model()
+    first, second = (owner.hand_in(model, "mine", suite) for suite in ("smoke@3", "wrong-command@3"))
+    agent = owner.until(first, "checked")["agent"]
+    assert owner.until(second, "checked")["agent"] == agent
+    owner.cancel(first)
+    expect(owner.http.get(f"/v1/agents/{agent}"), 200)
+    owner.cancel(second)
+    problem(owner.http.get(f"/v1/agents/{agent}"), 404, "unknown-agent")
+    owner.cancel(stays)
+
+
 def test_the_check_knows_the_track_of_the_agent_whose_token_hands_in(stage: Stage) -> None:
     owner = stage.owner(stage.serve())
     model = stage.model(check=["tell agent's track"])

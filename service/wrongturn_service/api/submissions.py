@@ -61,10 +61,12 @@ class _Request(BaseModel):
 async def hand_in(request: Request, service: ServiceDep, authorization: AuthorizationDep, key: KeyDep) -> Response:
     """Hand an agent in as an ONNX file. The service checks it within seconds, and drives it when it is its turn.
 
-    With an owner's token the agent is new, and the service makes it once the model is checked. With an agent's token
-    the agent is that one, if it has not begun the suite. Follow the submission with GET until its state is
-    ``finished``, ``failed`` or ``cancelled``. Token, size and type are checked before the body is read, so a client
-    that sends ``Expect: 100-continue`` never sends a model in vain.
+    With an owner's token the agent is new, and the service makes it once the model is checked. The same file by the
+    same name and owner is the same agent on another suite. With an agent's token the agent is that one, if it has not
+    begun the suite. Follow the submission with GET until its state is ``finished``, ``failed`` or ``cancelled``.
+
+    Token, size and type are checked before the body is read, so a client that sends ``Expect: 100-continue`` never
+    sends a model in vain; name and suite with the model's first bytes, if they come before it.
     """
     arrived = False
     try:
@@ -84,7 +86,8 @@ async def hand_in(request: Request, service: ServiceDep, authorization: Authoriz
         await service.uploads.check_disk(length)
         submission = new_id("su")
         with service.uploads.one(submitter.owner.id, address_of(request)):
-            async with service.uploads.receive(submission, boundary, request.stream()) as upload:
+            look = partial(_look, service, submitter)
+            async with service.uploads.receive(submission, boundary, request.stream(), look) as upload:
                 arrived = True
                 return await _take(service, submitter, key, submission, upload)
     except StoredReplyError:
@@ -97,8 +100,22 @@ async def hand_in(request: Request, service: ServiceDep, authorization: Authoriz
         raise refused from error
 
 
+async def _look(service: Service, submitter: Submitter, fields: dict[str, str]) -> None:
+    """Check the fields that came before the model. Raises NotFoundError, ConflictError, InvalidRequestError."""
+    if SUITE in fields:
+        check_takes(catalogue.suite(fields[SUITE]), _track(submitter))
+    if NAME in fields:
+        name = _name(service, submitter, fields)
+        if submitter.agent is None and submitter.owner is not None:
+            await service.submissions.check_name(submitter.owner.id, name)
+
+
+def _track(submitter: Submitter) -> Track | None:
+    return None if submitter.agent is None else Track(submitter.agent.track)
+
+
 async def _take(service: Service, submitter: Submitter, key: RequestKey, submission: str, upload: Upload) -> Response:
-    suite, name = upload.fields[SUITE], _name(service, submitter, upload)
+    suite, name = upload.fields[SUITE], _name(service, submitter, upload.fields)
     async with key.once(submitter.id, _Request(suite=suite, name=name, sha256=upload.sha256)) as once:
         row = _row(submitter, catalogue.suite(suite), submission, name, upload)
         positions = await service.dispatcher.positions()
@@ -108,9 +125,9 @@ async def _take(service: Service, submitter: Submitter, key: RequestKey, submiss
     return Response(body, 202, media_type=Encoding.JSON)
 
 
-def _name(service: Service, submitter: Submitter, upload: Upload) -> str:
+def _name(service: Service, submitter: Submitter, fields: dict[str, str]) -> str:
     """Return the name of the agent. Raises InvalidRequestError, ConflictError."""
-    name = upload.fields.get(NAME)
+    name = fields.get(NAME)
     if submitter.agent is not None:
         if name not in {None, submitter.agent.name}:
             raise InvalidRequestError(
@@ -133,7 +150,7 @@ def _row(submitter: Submitter, suite: Suite, submission: str, name: str, upload:
     """Return the row of a submission. Raises ConflictError, InvalidRequestError if the suite does not take it."""
     owner, agent = submitter.owner, submitter.agent
     assert owner is not None
-    check_takes(suite, None if agent is None else Track(agent.track))
+    check_takes(suite, _track(submitter))
     return SubmissionRow(
         id=submission,
         owner_id=owner.id,

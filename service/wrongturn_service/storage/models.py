@@ -255,7 +255,8 @@ class SubmissionRow(Base):
     agent_id: Mapped[str | None] = _of("agents", ondelete="SET NULL", index=True)
     """The agent that handed it in, or the one that was made after the check."""
     agent_made: Mapped[bool] = mapped_column(Boolean)
-    """Whether the service makes the agent. Otherwise the agent was there before, and handed it in."""
+    """Whether the service makes the agent, for this submission or an earlier one of the same model. Otherwise the agent
+    was there before, and handed it in."""
     evaluation_id: Mapped[str | None] = _of("evaluations", ondelete="SET NULL", index=True)
     suite: Mapped[str] = mapped_column(String(80))
     name: Mapped[str] = mapped_column(String(64))

@@ -4,7 +4,7 @@ import time
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from typing import Any, Final
 
-from sqlalchemy import and_, delete, func, or_, select, update
+from sqlalchemy import and_, delete, exists, func, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 
 from wrongturn_protocol import EpisodeState, EvaluationState, SubmissionState, Verdict
@@ -58,7 +58,8 @@ class SubmissionStore(Queries):
     async def add(self, submission: SubmissionRow, reply: IdempotencyRow | None, *, most: int) -> None:
         """Store a new submission as the last in line. Sets its ``seq``.
 
-        The row is in the state ``queued``. An owner may have ``most`` open ones.
+        The row is in the state ``queued``. An owner may have ``most`` open ones. If the owner has handed the same model
+        in by the same name before, its agent is that one.
 
         Raises:
             AgentNameTakenError: An agent or an open submission has the name of the agent that is to be made.
@@ -68,8 +69,10 @@ class SubmissionStore(Queries):
         """
         async with self._database.write() as session:
             await check_there(session, OwnerRow, submission.owner_id)
+            if submission.agent_id is None and (same := await _same_agent(session, submission)) is not None:
+                submission.agent_id, submission.track = same
             if submission.agent_id is None:
-                await _check_name(session, submission.name_key)
+                await _check_name(session, submission)
                 owner = await session.get(OwnerRow, submission.owner_id)
                 assert owner is not None
                 await self._usage.check_accounts(session, owner, agents=1, owners=0)
@@ -84,6 +87,15 @@ class SubmissionStore(Queries):
             await self._usage.take(session, submission.owner_id, submission.stored_bytes)
             session.add(submission)
             await self._usage.remember(session, reply, submission.owner_id, {"submission_id": submission.id})
+
+    async def check_name(self, owner_id: str, name_key: str) -> None:
+        """Raise AgentNameTakenError if an agent of another owner, or an open submission of one, has a name."""
+        theirs = select(AgentRow.owner_id).where(AgentRow.name_key == name_key)
+        waiting = select(SubmissionRow.owner_id).where(
+            SubmissionRow.name_key == name_key, SubmissionRow.agent_made, SubmissionRow.state.in_(OPEN)
+        )
+        if any(owner != owner_id for owner in (*await self._all(theirs), *await self._all(waiting))):
+            raise AgentNameTakenError(name_key)
 
     async def forget_model(self, submission_id: str) -> None:
         """Note that a submission's model was deleted, so its bytes count no more. Safe to call again."""
@@ -193,7 +205,7 @@ class SubmissionStore(Queries):
         return changed
 
     async def make_agent(self, submission_id: str, agent: AgentRow) -> None:
-        """Store the agent of a submission that is being checked.
+        """Store the agent of a submission that is being checked, unless the same model made it meanwhile.
 
         Raises:
             SubmissionOverError: The submission is not ``queued`` any more, or has an agent.
@@ -203,6 +215,9 @@ class SubmissionStore(Queries):
             row = await session.get(SubmissionRow, submission_id)
             if row is None or row.state != SubmissionState.QUEUED or row.agent_id is not None:
                 raise SubmissionOverError(submission_id)
+            if (same := await _same_agent(session, row)) is not None:
+                row.agent_id, row.track = same
+                return
             if await agent_name_taken(session, agent.name_key):
                 raise AgentNameTakenError(agent.name)
             agent.stored_bytes = size_of(agent.description)
@@ -214,6 +229,8 @@ class SubmissionStore(Queries):
     async def remove_agent(self, submission_id: str) -> str | None:
         """Delete the agent that was made for a submission, and its practice, unless it has an evaluation.
 
+        One that another open submission of the same model needs stays too.
+
         Returns the id of the agent that was deleted, or None.
         """
         async with self._database.write() as session:
@@ -222,7 +239,9 @@ class SubmissionStore(Queries):
                 return None
             agent = row.agent_id
             begun = select(EvaluationRow.id).where(EvaluationRow.agent_id == agent).limit(1)
-            if await session.scalar(begun) is not None:
+            others = SubmissionRow.agent_id == agent, SubmissionRow.id != row.id, SubmissionRow.state.in_(OPEN)
+            needed = select(SubmissionRow.id).where(*others).limit(1)
+            if await session.scalar(begun) is not None or await session.scalar(needed) is not None:
                 return None
             await session.execute(delete(AgentRow).where(AgentRow.id == agent))
         return agent
@@ -289,11 +308,25 @@ class SubmissionStore(Queries):
         return [row for row in found if row is not None]
 
 
-async def _check_name(session: AsyncSession, name_key: str) -> None:
-    handed_in = SubmissionRow.name_key == name_key, SubmissionRow.agent_made, SubmissionRow.state.in_(OPEN)
-    taken = select(SubmissionRow.id).where(*handed_in).limit(1)
-    if await agent_name_taken(session, name_key) or await session.scalar(taken) is not None:
-        raise AgentNameTakenError(name_key)
+async def _same_agent(session: AsyncSession, submission: SubmissionRow) -> tuple[str, str] | None:
+    """Return id and track of the agent as which the owner has handed the same model in by the same name, or None."""
+    same = SubmissionRow.agent_id == AgentRow.id, SubmissionRow.sha256 == submission.sha256, SubmissionRow.agent_made
+    by_name = AgentRow.name_key == submission.name_key, AgentRow.owner_id == submission.owner_id
+    found = (await session.execute(select(AgentRow.id, AgentRow.track).where(*by_name, exists().where(*same)))).first()
+    return None if found is None else (found.id, found.track)
+
+
+async def _check_name(session: AsyncSession, submission: SubmissionRow) -> None:
+    """Raise AgentNameTakenError unless only the same model waits by this name, for other suites of the same owner."""
+    same = (
+        SubmissionRow.owner_id == submission.owner_id,
+        SubmissionRow.sha256 == submission.sha256,
+        SubmissionRow.suite != submission.suite,
+    )
+    handed_in = SubmissionRow.name_key == submission.name_key, SubmissionRow.agent_made, SubmissionRow.state.in_(OPEN)
+    taken = select(SubmissionRow.id).where(*handed_in, ~and_(*same)).limit(1)
+    if await agent_name_taken(session, submission.name_key) or await session.scalar(taken) is not None:
+        raise AgentNameTakenError(submission.name)
 
 
 async def _check_not_begun(session: AsyncSession, agent_id: str, suite: str) -> None:

@@ -121,6 +121,10 @@ class Form:
             )
         if not self.size:
             raise InvalidRequestError(MODEL, "is empty; send an ONNX file")
+        return self.fields()
+
+    def fields(self) -> dict[str, str]:
+        """Return the values that have come of the fields beside the model. Raises ServiceError if one is no text."""
         return {name: _text(name, value) for name, value in self._values.items() if name != MODEL}
 
     def _begin_part(self) -> None:

@@ -90,6 +90,13 @@ class Submissions:
         await self.rows.append_log(row.id, f"Handed in: {row.size} bytes, SHA-256 {row.sha256}")
         self.changed()
 
+    async def check_name(self, owner_id: str, name: str) -> None:
+        """Check that an agent of somebody else has not this name. Raises ConflictError."""
+        try:
+            await self.rows.check_name(owner_id, name.lower())
+        except AgentNameTakenError as error:
+            raise _name_taken(name) from error
+
     async def check_room(self, owner_id: str) -> None:
         """Check that an owner may have one more open submission. Raises UnavailableError (429)."""
         if await self.rows.open_count(owner_id) >= self._settings.submissions_per_owner:
@@ -219,16 +226,20 @@ def _refused(row: SubmissionRow, error: Exception) -> ServiceError:
     if isinstance(error, TooManySubmissionsError):
         return _too_many()
     if isinstance(error, AgentNameTakenError):
-        message = f"{row.name!r} is taken by an agent or a submission; choose another (a new model is a new agent)"
-        return ConflictError(
-            ProblemType.AGENT_NAME_TAKEN, f"name: {message}", errors=[FieldError(path=NAME, message=message)]
-        )
+        return _name_taken(row.name)
     message = (
         f"agent {row.name!r} has begun {row.suite}, and its first evaluation counts; hand a new model in as a new "
         "agent, with its owner's token and another name"
     )
     return ConflictError(
         ProblemType.EVALUATION_OPEN, f"suite: {message}", errors=[FieldError(path=SUITE, message=message)]
+    )
+
+
+def _name_taken(name: str) -> ConflictError:
+    message = f"{name!r} is taken by an agent or a submission; choose another (a new model is a new agent)"
+    return ConflictError(
+        ProblemType.AGENT_NAME_TAKEN, f"name: {message}", errors=[FieldError(path=NAME, message=message)]
     )
 
 

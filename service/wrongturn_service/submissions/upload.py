@@ -99,8 +99,16 @@ class Uploads:
             self._under_way -= Counter((owner, address))
 
     @contextlib.asynccontextmanager
-    async def receive(self, submission_id: str, boundary: bytes, body: AsyncIterator[bytes]) -> AsyncIterator[Upload]:
+    async def receive(
+        self,
+        submission_id: str,
+        boundary: bytes,
+        body: AsyncIterator[bytes],
+        look: Callable[[dict[str, str]], Awaitable[None]],
+    ) -> AsyncIterator[Upload]:
         """Read a body to its end. When the block ends, the model is deleted unless it was kept.
+
+        ``look`` gets the fields before the model with its first bytes; what it raises ends the reading.
 
         Raises:
             ServiceError: The client is too slow (408), the body is malformed (400) or too large (413), a field is wrong
@@ -110,9 +118,12 @@ class Uploads:
         model = ArrivingModel(self._files, submission_id)
         try:
             await self._work(model.begin)
-            form = Form(boundary, self._limit, model.write)
+            form, looked = Form(boundary, self._limit, model.write), False
             async for part in _parts(body, self._patience_s):
                 await self._work(form.feed, part)
+                if form.size and not looked:
+                    await look(form.fields())
+                    looked = True
             fields = await self._work(form.end)
             yield Upload(fields, model.hash.hexdigest(), form.size, partial(self._work, model.keep))
         finally:
