@@ -90,7 +90,7 @@ def film(kind: FaultKind) -> str:
     """Make the film of a fault, and return its line for the page."""
     driven = telling(kind)
     assert driven.outcome is not None
-    replay = Replay(driven.trajectory, driven.outcome)
+    replay = Replay(driven.trajectory, driven.outcome, AGENT)
     last = len(replay) - 1
     decisions = [*range(max(0, last - round(10 * _LONGEST_S)), last, _EVERY), last]
     frames = replay.frames(View.BOTH, _SIZE, first=decisions[0], every=_EVERY)

@@ -2,6 +2,7 @@
 
     python -m lab.films                    # the agents whose weights or results have changed
     python -m lab.films --agent ppo-image
+    python -m lab.films --again            # new films of the same drives, after a change of how films look
 
 What was seen is in ``lab/stored/studies/failures.json``; ``docs/failures.md`` shows it, and needs no driving.
 """
@@ -46,9 +47,9 @@ _EVERY: Final = 2
 """Every second decision is a frame."""
 _RATE: Final = 10 // _EVERY
 """Frames a second."""
-_RUN_UP: Final = 10.0
+_RUN_UP: Final = 25.0
 """Metres before the stop line at which a film begins."""
-_LONGEST_S: Final = 7.0
+_LONGEST_S: Final = 12.0
 """Seconds of the longest film, which shows the end."""
 _MOST: Final = 6
 """Films of an agent: its most frequent ways have one."""
@@ -256,6 +257,23 @@ def make(agents: Sequence[str]) -> None:
             path.unlink()
 
 
+def film_again(agents: Sequence[str]) -> None:
+    """Drive the trials of the agents' films again, and film them anew."""
+    study, known = read(_STUDY), {trial.id: trial for trial in journeys()}
+    for name in agents or study:
+        suite = installed_suite(WRONG_COMMAND, study[name]["secret"])
+        for one in (*study[name]["ways"], *study[name]["journeys"]):
+            if one["film"] is None:
+                continue
+            trial = known.get(one["film"]["trial"]) or suite.trials[one["film"]["trial"]]
+            driven = drive_trial(name, trial)
+            if trial.journey is None and Way.of(trial, _result(driven)) != _way(one):
+                raise ResultsError(f"{name}: {trial.id} ends otherwise than in {_STUDY}.json; leave out --again")
+            first = _decision_before_line(driven.trajectory) if trial.journey is None else 0
+            one["film"] = _film(name, driven, FILMS / one["film"]["file"], first)
+            write(_STUDY, study)
+
+
 def film_ways(name: str, ended: Ended, cells: Mapping[tuple[str, str], int], folder: Path = FILMS) -> list[Any]:
     """Drive an agent's unsafe trials and their twins again, and make a film of each way in which they end.
 
@@ -295,7 +313,7 @@ def film_ways(name: str, ended: Ended, cells: Mapping[tuple[str, str], int], fol
         if way in often:
             typical = min(alike, key=lambda one: (_oddness(one.trial.id, drives), one.trial.id))
             first = _decision_before_line(typical.trajectory)
-            film = _film(typical, folder / way.film(name), first)
+            film = _film(name, typical, folder / way.film(name), first)
         found.append({**way._asdict(), "trials": names, "drives": drives, "film": film})
     return found
 
@@ -311,8 +329,8 @@ def _oddness(trial: str, drives: Sequence[Mapping[str, Any]]) -> float:
     return far
 
 
-def _film(driven: DrivenEpisode, file: Path, first: int = 0) -> dict[str, str]:
-    replay = Replay(driven.trajectory, driven.outcome)
+def _film(name: str, driven: DrivenEpisode, file: Path, first: int = 0) -> dict[str, str]:
+    replay = Replay(driven.trajectory, driven.outcome, name)
     first = max(first, len(replay) - round(10 * _LONGEST_S))
     from wrongturn_sim.view.film import write_film  # PyAV takes a quarter of a second
 
@@ -407,7 +425,7 @@ def film_journeys(name: str, trials: Sequence[Trial] = (), folder: Path = FILMS)
                       "film": None})  # fmt: skip
     for kind, _ in Counter(one["contact"]["other"] for one in found if one["contact"]).most_common(1):
         number = next(k for k, one in enumerate(found) if one["contact"] and one["contact"]["other"] == kind)
-        found[number]["film"] = _film(driven[number], folder / f"{name}.traffic.webp")
+        found[number]["film"] = _film(name, driven[number], folder / f"{name}.traffic.webp")
     return found
 
 
@@ -478,8 +496,10 @@ def main() -> None:
     """Run the program; an error is one line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--agent", action="append", default=[], choices=learned_agents())
+    parser.add_argument("--again", action="store_true", help="new films of the same drives")
+    options = parser.parse_args()
     try:
-        make(parser.parse_args().agent)
+        (film_again if options.again else make)(options.agent)
     except (AgentsError, OSError) as error:
         raise SystemExit(f"lab.films: {error}") from error
 

@@ -116,6 +116,20 @@ def test_the_first_screen_has_maps_commands_cameras_and_the_timeline(visit: Visi
     assert "route:" in page.inner_text(".command.differs")
 
 
+def test_the_camera_is_in_a_corner_where_no_car_drives(visit: Visit, pair: Pair):
+    page = ready(visit(pair.path))
+    assert page.get_attribute(".seen >> nth=0", "data-corner") in {"low-right", "high-right", "low-left"}
+    script = """async ([x, y]) => {
+        const { freeCorner } = await import("/static/episode/map.js");
+        const view = { middle: [0, 0], size: [60, 40] };
+        const sized = (clientWidth, clientHeight) => ({ clientWidth, clientHeight });
+        return freeCorner({ turned: (...place) => place }, [{ x, y }], view, sized(600, 400), sized(200, 67));
+    }"""
+    assert page.evaluate(script, [[0, 0], [-18, 0]]) == "low-right"
+    assert page.evaluate(script, [[25, 0], [-18, 0]]) == "high-right"
+    assert page.evaluate(script, [[25, 25], [-18, 15]]) == "low-left"
+
+
 def test_the_address_has_the_time(visit: Visit, pair: Pair):
     page = ready(visit(f"{pair.path}#t=2.5"))
     assert position(page) == 25

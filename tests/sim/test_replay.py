@@ -179,13 +179,13 @@ class TestFilm:
         episode.reset()
         for _ in range(20):
             episode.step(0.0, 0.6, 0.0)
-        frames = [next(Replay(episode.trajectory, None, name).frames("top", 400)) for name in ("", "me", "you")]
-        assert not np.array_equal(frames[1], frames[2])
-        assert np.array_equal(frames[0][60:], frames[1][60:])
-        rows, columns = np.nonzero((list(Replay(episode.trajectory).frames("top", 400))[-1] == colours.CAR).all(-1))
-        before = np.nonzero((frames[0] == colours.CAR).all(-1))
-        assert rows.mean() < before[0].mean() - 20
-        assert columns.mean() == pytest.approx(before[1].mean(), abs=15)
+        first, *_, last = Replay(episode.trajectory).frames("top", 400)
+        named = next(Replay(episode.trajectory, None, "me").frames("top", 400))
+        assert not np.array_equal(first[:60], named[:60])
+        assert np.array_equal(first[60:], named[60:])
+        before, after = (np.argwhere((image == colours.CAR).all(-1)).mean(axis=0) for image in (first, last))
+        assert after[0] < before[0] - 20
+        assert after[1] == pytest.approx(before[1], abs=15)
 
     def test_a_twin_drives_on_the_right_and_the_shorter_film_stays_at_its_end(self, left, tmp_path):
         short = Replay(dataclasses.replace(left.trajectory, rows=left.trajectory.rows[:21]))

@@ -1,17 +1,20 @@
 """Figures for a paper, against figures counted by hand."""
 
+import dataclasses
 import re
 from pathlib import Path
 
 import pytest
 from driven_runs import OFF_ROAD, driven_run, leaves_the_road
 from made_results import wrong_command
+from shapely import Point
 
 import wrongturn_figures as figures
 from wrongturn_agents.errors import ResultsError
 from wrongturn_agents.records import evaluation_record
 from wrongturn_client import LocalService
 from wrongturn_figures.junction_maps import installed_town
+from wrongturn_networks import load_town
 from wrongturn_protocol import Flag, Verdict
 from wrongturn_protocol.junction_frame import rings
 
@@ -40,6 +43,25 @@ def test_trajectories_are_drawn_over_their_type_and_fault(run):
     # Dash and marker tell them apart without colour.
     looks = {(line.get_linestyle(), line.get_marker()) for line in legend.get_lines()}
     assert len(looks) == len({dash for dash, _ in looks}) == len({marker for _, marker in looks}) == 2
+
+
+def test_a_cross_lies_where_the_road_was_left():
+    run = evaluation_record.of_run(driven_run(leaves_the_road, suite="wrong-command@3"))
+    drives = {}
+    for name, drive in run.by_trial.items():
+        road, (first, second) = load_town(drive.trial.town).road, drive.path[-2:]
+        step = [(b - a) / 100 for a, b in zip(first, second, strict=True)]  # a centimetre
+        path = [second]
+        while road.contains(Point(path[-1])):
+            path.append((path[-1][0] + step[0], path[-1][1] + step[1]))
+        drives[name] = dataclasses.replace(drive, path=(*drive.path, *path[1:]))
+    axes = figures.trajectories(dataclasses.replace(run, by_trial=drives)).axes[2]
+    assert axes.get_title() == "left or right"
+    crosses = [line.get_ydata()[0] for line in axes.lines if line.get_marker() == "X"]
+    assert len(crosses) == 10
+    assert max(crosses) - min(crosses) < 0.05
+    lines = {round(line.get_ydata()[0], 1) for line in axes.lines if len(line.get_xdata()) == 2}
+    assert len(lines) > 1  # the junctions differ in size
 
 
 def test_every_verdict_has_a_look_of_its_own():

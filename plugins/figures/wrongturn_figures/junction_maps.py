@@ -1,7 +1,7 @@
 """Maps of junctions with trajectories over them."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Final
 
@@ -18,7 +18,8 @@ from wrongturn_agents.records.evaluation_record import Drive, EvaluationRecord
 from wrongturn_client import Client
 from wrongturn_client.plugins import LOADERS, entry_points, load
 from wrongturn_figures.look import COLUMN, MARKS, PAGE, Mark, mark_of, new_figure, style
-from wrongturn_protocol import FaultKind, JunctionType, TownDetail
+from wrongturn_protocol import Command, FaultKind, JunctionType, TownDetail
+from wrongturn_protocol.catalogue import ApproachDetail
 from wrongturn_protocol.junction_frame import Frame, Points, rings
 from wrongturn_protocol.words import name
 
@@ -66,7 +67,8 @@ _TWIN: Final = Mark("its twin, without a fault", "#555555", (0, (1, 1)), "o")
 def trajectories(run: EvaluationRecord, *, width: float = COLUMN, towns: FindTown = installed_town) -> Figure:
     """Draw all trajectories over their junctions, by how they ended: a row for each fault, a column for each type.
 
-    All approaches of a type lie over one another, turned so that the car comes from below.
+    All approaches of a type lie over one another, turned so that the car comes from below. Their kerbs at the side
+    without an exit lie on one another, so a cross lies where the road was left.
 
     The run is from a file or a service, and the width in inches. ``towns`` returns the geometry of a town; see
     :func:`town_of` for those of a service.
@@ -162,17 +164,19 @@ def _shape() -> float:
 
 def _panel(axes: Axes, drives: Sequence[Drive], towns: FindTown, twin: Drive | None = None) -> None:
     """Draw the road of the drives' approaches, the twin if any, and the drives."""
-    frames = {}
+    found = {}
     for drive in drives:
         town = towns(drive.trial.town)
         approach = next((one for one in town.approaches if one.id == drive.trial.approach), None)
         if approach is None:
             raise ResultsError(f"{town.name}: has no approach {drive.trial.approach}; the town is another version")
-        frames[drive.trial.town, approach.id] = Frame(approach.stop_line, approach.heading)
-    for (town_name, _), frame in frames.items():
+        found[drive.trial.town, approach.id] = (town, approach)
+    frames = _frames(found)
+    for (town_name, approach_id), frame in frames.items():
         for polygon in rings(towns(town_name).road):
             _draw_road(axes, [frame.turned(ring) for ring in polygon])
-    axes.plot([-1.5, 5.0], [0, 0], color=_LINE, linewidth=0.5, zorder=2)
+        (middle,) = frame.turned([found[town_name, approach_id][1].stop_line])
+        axes.plot(middle[0] + [-1.5, 5.0], middle[[1, 1]], color=_LINE, linewidth=0.3, zorder=2)
     if twin is not None and twin.path:
         frame = frames[twin.trial.town, twin.trial.approach]
         _draw_path(axes, frame.turned(twin.path), _TWIN, zorder=3)
@@ -183,6 +187,49 @@ def _panel(axes: Axes, drives: Sequence[Drive], towns: FindTown, twin: Drive | N
     axes.set(xlim=_ACROSS, ylim=_ALONG, aspect="equal", xticks=[], yticks=[])
     for spine in axes.spines.values():
         spine.set(linewidth=0.4, color=_KERB)
+
+
+def _frames(found: Mapping[tuple[str, str], tuple[TownDetail, ApproachDetail]]) -> dict[tuple[str, str], Frame]:
+    """Return the approaches' frames, moved so that their kerbs at the side without an exit lie on one another.
+
+    So a cross where a car left the road there lies on the kerb, whatever the size of its junction.
+    """
+    kerbs = {}
+    for key, (town, approach) in found.items():
+        frame = Frame(approach.stop_line, approach.heading)
+        outline = np.concatenate(
+            [frame.turned(ring) for area in rings(town.junctions[approach.junction]) for ring in area]
+        )
+        kerbs[key] = _kerb(outline, approach.type.missing)
+    middle = np.mean(list(kerbs.values()), axis=0)
+    frames = {}
+    for key, (_, approach) in found.items():
+        sin, cos = math.sin(approach.heading), math.cos(approach.heading)
+        right, up = kerbs[key] - middle
+        x, y = approach.stop_line
+        frames[key] = Frame((x + right * sin + up * cos, y - right * cos + up * sin), approach.heading)
+    return frames
+
+
+def _kerb(outline: Points, missing: Command | None) -> Points:
+    """Return where a junction's outline, in the approach's frame, is crossed at the side without an exit."""
+    low, high = _crossed(outline, 0, 0.0)
+    if missing is Command.STRAIGHT:
+        return np.array([0.0, high])
+    along = (low + high) / 2  # the middle of the crossing street
+    left, right = _crossed(outline, 1, along)
+    across = left if missing is Command.LEFT else right if missing is Command.RIGHT else 0.0
+    return np.array([across, along])
+
+
+def _crossed(outline: Points, axis: int, at: float) -> tuple[float, float]:
+    """Return the first and last place, along the other axis, at which an outline crosses a line."""
+    begin, end = outline, np.roll(outline, -1, axis=0)
+    across = (begin[:, axis] - at) * (end[:, axis] - at) < 0
+    begin, end = begin[across], end[across]
+    share = (at - begin[:, axis]) / (end - begin)[:, axis]
+    places = begin[:, 1 - axis] + share * (end - begin)[:, 1 - axis]
+    return float(places.min()), float(places.max())
 
 
 def _draw_road(axes: Axes, polygon: Sequence[Points]) -> None:

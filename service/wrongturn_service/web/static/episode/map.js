@@ -61,6 +61,25 @@ export function whole(town, drives) {
   };
 }
 
+/** Return the corner of a map in which a box of the camera's size hides the fewest places of the drives. */
+export function freeCorner(town, drives, view, map, box) {
+  const scale = Math.min(map.clientWidth / view.size[0], map.clientHeight / view.size[1]); // pixels a metre
+  const margin = LENGTH * scale;
+  const hidden = { "low-right": 0, "high-right": 0, "low-left": 0 };
+  for (const drive of drives) {
+    drive.x.forEach((x, i) => {
+      const [right, up] = town.turned(x, drive.y[i]);
+      const [across, down] = [map.clientWidth / 2 + scale * (right - view.middle[0]), map.clientHeight / 2 - scale * (up - view.middle[1])];
+      const atRight = across > map.clientWidth - box.clientWidth - margin;
+      const low = down > map.clientHeight - box.clientHeight - margin;
+      hidden["low-right"] += atRight && low;
+      hidden["high-right"] += atRight && down < box.clientHeight + margin;
+      hidden["low-left"] += across < box.clientWidth + margin && low;
+    });
+  }
+  return Object.keys(hidden).reduce((best, corner) => (hidden[corner] < hidden[best] ? corner : best));
+}
+
 /** Return the part of the map around a car. */
 export function around(town, pose) {
   return { middle: town.turned(pose.x, pose.y), size: [FOLLOWED, FOLLOWED * 0.75] };

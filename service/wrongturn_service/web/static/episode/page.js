@@ -1,6 +1,6 @@
 // The replay of an episode, and of its twin and a fork at the same time.
 import { CameraView } from "./camera.js";
-import { DriveMap, Town, around, whole } from "./map.js";
+import { DriveMap, Town, around, freeCorner, whole } from "./map.js";
 import { Player } from "./player.js";
 import { commandPlot, speedPlot } from "./plots.js";
 import { STEP, decisionAt, passed, poseAt, said, seconds, timeIn } from "./timeline.js";
@@ -112,7 +112,13 @@ function start(detail, drives) {
     commandPlot(section.querySelector(".commands"), drives, seek, current),
   ];
   plots.forEach((plot) => plot.mark(noReturn));
+  const insets = figures.map((figure) => figure.querySelector(".seen"));
+  const place = () => {
+    const corner = freeCorner(town, drives, everything, maps[0].canvas, insets[0]);
+    for (const inset of insets) inset.dataset.corner = corner;
+  };
   const again = () => {
+    place();
     colour = colours();
     plots.forEach((plot) => plot.redraw());
     show(player.position, player.playing);
@@ -135,6 +141,7 @@ function start(detail, drives) {
   follow.addEventListener("change", () => draw(player.position));
   window.addEventListener("resize", again);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
+  place();
   player.move(0);
   jump();
   performance.mark("interactive");
