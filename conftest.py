@@ -46,7 +46,7 @@ _OF_ONE_SERVICE = (
     "owners",
 )
 # torch's exporter takes 5 s to load, once for each worker.
-_EXPORTS = ("test_export", *(f"training/test_{name}" for name in ("doubting", "lbc")))
+_EXPORTS = ("test_export", *(f"training/test_{name}" for name in ("doubting",)))
 TOGETHER = {
     "tests/client": "clients",
     "tests/environments": "clients",
@@ -58,6 +58,7 @@ TOGETHER = {
     "plugins/exploits": "agents",
     "plugins/certificates": "service",
     "plugins/figures": "agents",
+    "plugins/lbc": "exports",
     "plugins/marln": "exports",
     "plugins/statistics": "agents",
     **{f"tests/agents/test_{name}.py": "agents" for name in ("batch", "practice", "worker")},

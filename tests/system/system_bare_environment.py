@@ -19,6 +19,7 @@ SOURCES = {
     "certificates": "plugins/certificates",
     "exploits": "plugins/exploits",
     "figures": "plugins/figures",
+    "lbc": "plugins/lbc",
     "marln": "plugins/marln",
     "openenv": "plugins/openenv",
     "sb3": "plugins/sb3",

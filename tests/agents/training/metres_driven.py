@@ -4,8 +4,8 @@ import numpy as np
 import torch
 
 from wrongturn_agents.models.actor_critic import controls
-from wrongturn_agents.training.methods.lbc.cars import Cars
-from wrongturn_agents.training.methods.lbc.config import LBCConfig
+from wrongturn_lbc.cars import Cars
+from wrongturn_lbc.config import LBCConfig
 
 CARS = 32
 _HELD_OUT = 10**6

@@ -17,11 +17,11 @@ from wrongturn_agents.models.waypoint_control import MEMORY, WaypointControl
 from wrongturn_agents.models.waypoints import SIZE, to_picture
 from wrongturn_agents.training.held_out import Evaluation
 from wrongturn_agents.training.methods.averaging import AveragedLearner, Pool
-from wrongturn_agents.training.methods.lbc.cars import Cars
-from wrongturn_agents.training.methods.lbc.config import PRIVILEGED, LBCConfig
-from wrongturn_agents.training.methods.lbc.expert import plan
 from wrongturn_agents.training.run import Run
 from wrongturn_agents.training.run_directory import BEST
+from wrongturn_lbc.cars import Cars
+from wrongturn_lbc.config import PRIVILEGED, LBCConfig
+from wrongturn_lbc.expert import plan
 
 _ROWS: Final = 100
 """Rows of a half."""

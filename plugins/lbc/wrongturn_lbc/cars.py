@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wrongturn_agents.training.cars import cruises
-from wrongturn_agents.training.methods.lbc.config import LBCConfig
-from wrongturn_agents.training.methods.lbc.expert import Situation, situation
+from wrongturn_lbc.config import LBCConfig
+from wrongturn_lbc.expert import Situation, situation
 from wrongturn_networks import load_town
 from wrongturn_protocol import Track, TrialOptions
 from wrongturn_sim.camera import Camera

@@ -5,9 +5,9 @@ import torch
 
 from wrongturn_agents.models.waypoint_control import MEMORY, WaypointControl
 from wrongturn_agents.models.waypoints import APART, COUNT
-from wrongturn_agents.training.methods.lbc.cars import Cars
-from wrongturn_agents.training.methods.lbc.config import LBCConfig
-from wrongturn_agents.training.methods.lbc.expert import MANNER, Situation, plan
+from wrongturn_lbc.cars import Cars
+from wrongturn_lbc.config import LBCConfig
+from wrongturn_lbc.expert import MANNER, Situation, plan
 
 CPU = torch.device("cpu")
 

@@ -11,9 +11,9 @@ from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.checkpoint import read
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.method import Method, TrainedAgent, load
-from wrongturn_agents.training.methods.lbc.config import PRIVILEGED, LBCConfig
-from wrongturn_agents.training.methods.lbc.halves import PRIVILEGED_FILE, PrivilegedHalf, SensorimotorHalf
 from wrongturn_agents.training.run import Run
+from wrongturn_lbc.config import PRIVILEGED, LBCConfig
+from wrongturn_lbc.halves import PRIVILEGED_FILE, PrivilegedHalf, SensorimotorHalf
 
 _MOST_RESERVED: Final = 0.2
 """Greatest share of the minutes that the privileged agent's evaluation gets."""

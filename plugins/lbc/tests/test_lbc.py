@@ -14,13 +14,13 @@ from wrongturn_agents.models.waypoints import to_picture
 from wrongturn_agents.training.export.export import export
 from wrongturn_agents.training.method import load
 from wrongturn_agents.training.methods.averaging import Pool
-from wrongturn_agents.training.methods.lbc.cars import Cars
-from wrongturn_agents.training.methods.lbc.config import LBCConfig
-from wrongturn_agents.training.methods.lbc.halves import PRIVILEGED_FILE, picture_loss, round_of, taught
 from wrongturn_agents.training.progress import read_rows
 from wrongturn_agents.training.recording import record_observations
 from wrongturn_agents.training.run import train
 from wrongturn_agents.training.run_directory import BEST
+from wrongturn_lbc.cars import Cars
+from wrongturn_lbc.config import LBCConfig
+from wrongturn_lbc.halves import PRIVILEGED_FILE, picture_loss, round_of, taught
 
 SMALL = (
     *("width=8", "num_envs=16", "begin=256", "buffer=4096", "batch_size=32", "traffic=0", "warm_up=10"),
