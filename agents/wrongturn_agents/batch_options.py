@@ -14,8 +14,8 @@ from wrongturn_agents.evaluation_run import RunOptions, made_once
 from wrongturn_agents.practice import practice_table
 from wrongturn_agents.progress import show_progress
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND
-from wrongturn_client.invocation import python
 from wrongturn_client.tables import console
+from wrongturn_protocol.installing import install
 from wrongturn_protocol.json_output import STDOUT, check_json_file
 
 if TYPE_CHECKING:
@@ -59,10 +59,9 @@ def drive_batch(options: RunOptions, batch: BatchOptions) -> None:
         from wrongturn_agents.batch.batch_run import BatchAgent, BatchRun  # noqa: PLC0415 - comes with an extra
         from wrongturn_agents.batch.workers import workers  # noqa: PLC0415
     except ImportError as error:
-        option, wanted = ("--ray", "wrongturn-agents[ray]") if batch.ray else ("--workers", "wrongturn[sim]")
+        option, wanted = ("--ray", "wrongturn-agents[ray]") if batch.ray else ("--workers", "wrongturn-service")
         raise RunError(
-            f"{option}: drives in process, and {error.name} is not installed; install it with: "
-            f"{python()} -m pip install '{wanted}'"
+            f"{option}: drives in process, and {error.name} is not installed; install it with: {install(wanted)}"
         ) from error
     suite = options.suite or (WRONG_COMMAND if batch.task is None else NAVIGATION)
     agents = [BatchAgent(named, made_once(named, None)[0]) for named in batch.agents]

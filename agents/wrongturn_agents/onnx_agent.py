@@ -2,7 +2,7 @@
 
 The contract is the same for ``wrongturn run FILE.onnx`` and for a submitted model: ``wrongturn_protocol.contract_of``
 checks it, and ``docs/models.md`` shows it as a table. onnxruntime comes with an extra:
-``python -m pip install 'wrongturn-agents[onnx]'``.
+``wrongturn-agents[onnx]``.
 """
 
 import os
@@ -14,8 +14,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError, why_no_file
-from wrongturn_client.invocation import python
 from wrongturn_protocol import Action, AgentKind, ContractError, ModelContract, ModelSignature, TensorSpec, contract_of
+from wrongturn_protocol.installing import install
 from wrongturn_protocol.model_contract import check_opset
 from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.onnx_file import opset_of, signature_of
@@ -103,8 +103,7 @@ def open_session(file: Path) -> Any:
         onnxruntime = load_onnxruntime()
     except ImportError:
         raise OnnxRuntimeMissingError(
-            f"{file}: an ONNX model needs onnxruntime; install it with: "
-            f"{python()} -m pip install 'wrongturn-agents[onnx]'"
+            f"{file}: an ONNX model needs onnxruntime; install it with: {install('wrongturn-agents[onnx]')}"
         ) from None
     if not file.is_file():
         raise ModelFileError(f"{file}: {why_no_file(file)}; name an .onnx file")

@@ -33,9 +33,10 @@ from wrongturn_agents.errors import (
 from wrongturn_agents.onnx_agent import OnnxAgent
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS, trained_with
 from wrongturn_client.errors import PluginError
-from wrongturn_client.invocation import program, python
+from wrongturn_client.invocation import program
 from wrongturn_client.plugins import entry_points, load
 from wrongturn_protocol import AgentKind, Track
+from wrongturn_protocol.installing import install
 from wrongturn_protocol.suggestions import did_you_mean
 
 AGENTS: Final = MappingProxyType(
@@ -250,7 +251,7 @@ def _saved_model(file: Path) -> AgentSource:
     if point is None:
         raise MissingPackageError(
             f"agent: {file}: a model of Stable-Baselines3 needs wrongturn-sb3; install it with: "
-            f"{python()} -m pip install 'wrongturn-agents[training]'"
+            f"{install('wrongturn-agents[training]')}"
         )
     agent = load(point)(file)
     return _made(agent, partial(copy, agent), [file])

@@ -1,6 +1,6 @@
 """Trained agents that come with this package, as ONNX files with a model card beside each.
 
-They need onnxruntime, which comes with an extra: ``python -m pip install 'wrongturn-agents[onnx]'``.
+They need onnxruntime, which comes with an extra: ``wrongturn-agents[onnx]``.
 """
 
 from copy import copy
@@ -14,8 +14,9 @@ from wrongturn_agents.agent import Agent
 from wrongturn_agents.doubting_agent import DoubtingAgent
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError
 from wrongturn_agents.onnx_agent import OnnxAgent, open_session
-from wrongturn_client.invocation import program, python
+from wrongturn_client.invocation import program
 from wrongturn_protocol import AgentKind, Track
+from wrongturn_protocol.installing import install
 
 WEIGHTS: Final = Path(__file__).parent / "weights"
 """Directory of the files and their cards."""
@@ -82,8 +83,7 @@ class ShippedAgent:
             return copy(_loaded(self.file, self.drives)) if self.drives else OnnxAgent(self.file)
         except OnnxRuntimeMissingError:
             raise OnnxRuntimeMissingError(
-                f"agent: {self.name} needs onnxruntime; install it with: "
-                f"{python()} -m pip install 'wrongturn-agents[onnx]'"
+                f"agent: {self.name} needs onnxruntime; install it with: {install('wrongturn-agents[onnx]')}"
             ) from None
         except ModelFileError as error:
             raise ModelFileError(

@@ -8,6 +8,7 @@ from typing import Any, Final
 from wrongturn_agents.errors import ResultsError
 from wrongturn_client.plugins import LOADERS, entry_points, load
 from wrongturn_protocol import Trial
+from wrongturn_protocol.installing import install
 
 UNSEEN: Final = "wrong-command-unseen@1"
 """The ranking that counts: towns that nobody has seen."""
@@ -69,8 +70,8 @@ def _loaded(suite: str) -> Any:
     point = entry_points(LOADERS).get("suite")
     if point is None:
         raise ResultsError(
-            "no suites are installed here; pip install wrongturn-networks, or 'wrongturn-service[server]' to run "
-            "agents without a --url"
+            f"no suites are installed here; {install('wrongturn-networks')}. To run agents without a --url: "
+            f"{install('wrongturn-networks', 'wrongturn-service[server]')}"
         )
     try:
         return load(point)(suite)

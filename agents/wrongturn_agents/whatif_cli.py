@@ -16,11 +16,11 @@ from wrongturn_agents.whatif_file import STEP_S, ForkResult, SweepFile, SweepRes
 from wrongturn_agents.worker import GuardedAgent
 from wrongturn_client import ApiError, Client
 from wrongturn_client.evaluation_driver import drive_episode
-from wrongturn_client.invocation import python
 from wrongturn_client.options import Url
 from wrongturn_client.replayed import replayed_from
 from wrongturn_client.tables import console, plain_table
 from wrongturn_protocol import Command, EpisodeDetail
+from wrongturn_protocol.installing import install
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json, write_json
 from wrongturn_protocol.run_file import RunFile
 from wrongturn_protocol.words import name
@@ -141,7 +141,7 @@ def _core() -> "ModuleType":
     except ImportError as error:
         raise RunError(
             f"whatif: drives in process, and {error.name} is not installed; install it with: "
-            f"{python()} -m pip install 'wrongturn[sim]'"
+            f"{install('wrongturn-service')}"
         ) from error
     return core
 

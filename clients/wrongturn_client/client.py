@@ -191,7 +191,7 @@ class Client(HttpCalls, TypedCalls):
         """Return a matplotlib figure of a finished episode; one of practice needs its agent's token.
 
         Raises:
-            PluginError: Nothing is installed that draws: pip install 'wrongturn-service[plot]'.
+            PluginError: Nothing is installed that draws, such as ``wrongturn-service[plot]``.
         """
         return plotted(self.trajectory(episode), self.episode(episode).outcome)
 

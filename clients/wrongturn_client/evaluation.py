@@ -9,6 +9,7 @@ from pydantic import PrivateAttr
 
 from wrongturn_client.errors import NotFinishedError, PluginError, WrongturnError
 from wrongturn_protocol import EpisodeDetail, EpisodeList, EvaluationDetail, EvaluationState, Outcome
+from wrongturn_protocol.installing import install
 from wrongturn_protocol.suggestions import did_you_mean
 
 if TYPE_CHECKING:
@@ -115,9 +116,7 @@ class Evaluation(EvaluationDetail):
         try:
             import pandas  # noqa: PLC0415 - an extra
         except ImportError as error:
-            raise WrongturnError(
-                "to_frame: needs pandas, which is missing: pip install 'wrongturn-client[frames]'"
-            ) from error
+            raise WrongturnError(f"to_frame: needs pandas, which is missing: {install('pandas')}") from error
         return pandas.DataFrame(episode_rows(self.episodes), columns=list(COLUMNS))
 
     def _repr_mimebundle_(self, **chosen: Any) -> dict[str, str]:
@@ -150,7 +149,7 @@ def plotted(trajectory: bytes, outcome: Outcome | None) -> "Figure":
 
     point = next(iter(entry_points("wrongturn.plots").values()), None)
     if point is None:
-        raise PluginError("plot: nothing here draws; wrongturn-service does: pip install 'wrongturn-service[plot]'")
+        raise PluginError(f"plot: nothing here draws; wrongturn-service does: {install('wrongturn-service[plot]')}")
     figure: Figure = load(point)(trajectory, outcome)
     return figure
 

@@ -28,7 +28,7 @@ class RemoteEnv(TrialEnv):
         token: An agent's token; ``WRONGTURN_TOKEN`` by default. Without one, an agent for practice is registered.
         patience: Seconds for which calls are repeated while the service is busy or does not answer.
         render_mode: ``rgb_array``, to get pictures from ``render``; ``human``, to watch them in a window, which needs
-            pygame (``pip install 'wrongturn-client[human]'``). The service draws them.
+            pygame (the extra ``wrongturn-client[human]``). The service draws them.
         transport: An httpx transport, for tests.
         town: The town to draw trials in; ``Town01`` by default.
         track: What the agent is shown.

@@ -5,6 +5,8 @@ import shutil
 import sys
 from pathlib import PurePath
 
+from wrongturn_protocol.installing import python
+
 _NAME = "wrongturn"
 
 
@@ -14,8 +16,3 @@ def program() -> str:
     if PurePath(called).name != _NAME:
         return f"{python()} -m wrongturn_client"
     return _NAME if shutil.which(_NAME) == called else shlex.quote(called)
-
-
-def python() -> str:
-    """Return this interpreter's path, quoted for a shell."""
-    return shlex.quote(sys.executable)

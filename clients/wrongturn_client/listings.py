@@ -9,6 +9,7 @@ from wrongturn_client.errors import WrongturnError
 from wrongturn_client.plugins import LISTINGS, LOADERS, entry_points, load
 from wrongturn_client.tables import head, list_table
 from wrongturn_protocol import Command, JunctionType
+from wrongturn_protocol.installing import install
 from wrongturn_protocol.words import COMMANDS, name
 
 Listed = Literal["agents", "suites", "towns"]
@@ -72,6 +73,6 @@ def _provided(group: str, name: str, what: Listed) -> Any:
     point = entry_points(group).get(name)
     if point is None:
         raise WrongturnError(
-            f"no {what} are installed here; install {_PART[what]}, or name a service by --url or WRONGTURN_URL"
+            f"no {what} are installed here; name a service by --url or WRONGTURN_URL, or run: {install(_PART[what])}"
         )
     return load(point)

@@ -3,7 +3,6 @@
 import ast
 import importlib.util
 import inspect
-import shlex
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
@@ -13,6 +12,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from wrongturn_client.errors import PluginError
+from wrongturn_protocol.installing import install
 from wrongturn_protocol.json_output import with_stdout
 from wrongturn_protocol.suggestions import did_you_mean
 
@@ -129,7 +129,7 @@ class PluginGroup(TyperGroup):
             unknown = f"No such command '{args[0]}'"
             for part, commands in _PARTS.items():
                 if args[0] in commands:
-                    ctx.fail(f"{unknown} here. It comes with {part}: pip install {shlex.quote(part)}")
+                    ctx.fail(f"{unknown} here. It comes with {part}: {install(part)}")
             ctx.fail(unknown + (did_you_mean(args[0], self.list_commands(ctx)) or "."))
         return super().resolve_command(ctx, args)
 

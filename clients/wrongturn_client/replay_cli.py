@@ -7,6 +7,7 @@ import typer
 
 from wrongturn_client.errors import ReplayError
 from wrongturn_client.options import Url
+from wrongturn_protocol.installing import install
 from wrongturn_protocol.vocabulary import View
 
 REPLAYS: Final = "wrongturn.replays"
@@ -66,7 +67,7 @@ def replay(
         raise ReplayError("--twin: only a film shows the twin; give --video FILE.mp4 too")
     points = list(entry_points(REPLAYS).values())
     if not points:
-        raise ReplayError("replay: nothing here draws; wrongturn-service does: pip install wrongturn-service")
+        raise ReplayError(f"replay: nothing here draws; wrongturn-service does: {install('wrongturn-service')}")
     show = load(points[0])
     found = replayed_from(source, episode, url, twin=twin)
     files = {"video": video, "picture": picture, "size": size}

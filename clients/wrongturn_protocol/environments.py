@@ -13,6 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from wrongturn_protocol.episodes import CONTROLS
+from wrongturn_protocol.installing import install
 from wrongturn_protocol.observations import IMAGE_SHAPE, Observation, action_space, observation_space
 from wrongturn_protocol.suggestions import did_you_mean
 from wrongturn_protocol.trial_options import OptionError, check_options, one_of, whole_number
@@ -214,7 +215,7 @@ class _Screen:
             import pygame  # noqa: PLC0415 - an extra, which only this window needs
         except ImportError as error:
             raise DependencyNotInstalled(
-                "render_mode: human needs pygame, which is missing: pip install 'wrongturn-client[human]'"
+                f"render_mode: human needs pygame, which is missing: {install('pygame')}"
             ) from error
         self._pygame = pygame
         self._window: Any = None

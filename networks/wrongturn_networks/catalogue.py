@@ -10,6 +10,7 @@ from wrongturn_networks.loading import load_town, town_named, town_names
 from wrongturn_networks.suites import Suite, load_suite, suite_ids, suite_named
 from wrongturn_networks.town import Town
 from wrongturn_protocol import SuiteSummary, TownSummary
+from wrongturn_protocol.installing import install
 
 
 def list_suites() -> list[SuiteSummary]:
@@ -34,7 +35,7 @@ def find_suite(text: str) -> Suite:
 
 def checks() -> Iterator[tuple[str, bool, str, str]]:
     """Yield the checks of ``wrongturn doctor``: name, whether it passed, what was found, the remedy."""
-    remedy = "install wrongturn-networks again"
+    remedy = install("wrongturn-networks")
     for what, listed, shelf in (("suites", list_suites, suites.shelf()), ("towns", list_towns, loading.shelf())):
         try:
             found = listed()
@@ -50,7 +51,7 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
 def _netconvert() -> tuple[str, bool, str, str]:
     from wrongturn_networks.making.netconvert import version  # noqa: PLC0415 - lists of towns do not need it
 
-    remedy = f"pip install eclipse-sumo=={SUMO}"
+    remedy = install(f"eclipse-sumo=={SUMO}")
     try:
         found = version()
     except (RuntimeError, OSError) as error:

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Final
 
 from wrongturn_networks.errors import CorruptFileError, NetworkError, TownBuildError, UnknownTownError
 from wrongturn_protocol.home import home
+from wrongturn_protocol.installing import install
 
 if TYPE_CHECKING:
     from wrongturn_networks.town import Town
@@ -109,7 +110,7 @@ def make_town(name: str, folder: Path) -> None:
     from wrongturn_networks.making.netconvert import build, version  # noqa: PLC0415
 
     if version() != SUMO:
-        raise RuntimeError(f"netconvert is {version()}; pip install eclipse-sumo=={SUMO}")
+        raise RuntimeError(f"netconvert is {version()}; {install(f'eclipse-sumo=={SUMO}')}")
     for recipe in drawn_recipes(name):
         build(recipe, folder, generator=VERSION)
         if not any(flaws(read_town(folder))):

@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from wrongturn_protocol.installing import install
+
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
     from wrongturn_service.settings import Settings
 
 _USAGE = 2
-_REMEDY: Final = "pip install 'wrongturn-service[server]'"
+_SERVER: Final = "wrongturn-service[server]"
 _ENDS_WITH_PARENT: Final = "WRONGTURN_ENDS_WITH_PARENT"
 """Environment variable that ``wrongturn_client.LocalService`` sets."""
 
@@ -144,7 +146,7 @@ def _await_end(pipe: int) -> None:
 def checks() -> Iterator[tuple[str, bool, str, str]]:
     """Yield each check as its name, whether it passed, what it found, and the remedy if it failed."""
     if missing_packages():
-        yield "service", True, f"not installed; to run one: {_REMEDY}", ""
+        yield "service", True, f"not installed; to run one: {install(_SERVER)}", ""
         return
     from pydantic import ValidationError  # noqa: PLC0415
 
@@ -221,5 +223,5 @@ def require_server(command: str) -> None:
     """Check that the extra ``server`` is installed. If it is not, say what is missing and exit with status 1."""
     missing = missing_packages()
     if missing:
-        typer.echo(f"{command}: {', '.join(missing)}: not installed; {_REMEDY}", err=True)
+        typer.echo(f"{command}: {', '.join(missing)}: not installed; {install(_SERVER)}", err=True)
         raise typer.Exit(1)

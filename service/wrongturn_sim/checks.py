@@ -50,7 +50,7 @@ _CHECKS: tuple[tuple[str, Callable[[], str], str], ...] = (
     ("libsumo", _libsumo, "install what the message names"),
     ("kernel cache", _cache, f"set {CACHE_VARIABLE} or WRONGTURN_HOME to a directory that can be written"),
     ("kernels", _kernels, "reinstall numba in the version that constraints.txt names"),
-    ("episode", _episode, "see the checks above; then reinstall wrongturn-service and wrongturn-networks"),
+    ("episode", _episode, "see the checks above; then install wrongturn-service and wrongturn-networks again"),
 )
 
 

@@ -34,7 +34,7 @@ class WrongturnSimEnv(TrialEnv):
         track: decides what observations show.
         strict: for training: a journey ends when the car leaves its road or lane, or stands.
         render_mode: ``rgb_array``, to get pictures from ``render``; ``human``, to watch them in a window, which needs
-            pygame (``pip install 'wrongturn-client[human]'``).
+            pygame (the extra ``wrongturn-client[human]``).
         camera: camera of observations and of ``render``; the benchmark's by default.
         options: ``approach``, ``fault``, ``task``, ``suite`` and so on; see :class:`~wrongturn_protocol.TrialOptions`.
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from wrongturn_judge.trajectory import Appearance, RoadUser
 from wrongturn_protocol import VEHICLE
+from wrongturn_protocol.installing import install
 from wrongturn_sim.ego import SUB_STEP
 from wrongturn_sim.errors import SimulatorFailedError, SimulatorInUseError, SimulatorUnavailableError
 from wrongturn_sim.traffic.crowd import OTHERS, Crowd, Sighting
@@ -113,7 +114,7 @@ def load_libsumo() -> ModuleType:
         except ImportError as error:
             raise SimulatorUnavailableError(
                 f"libsumo cannot be loaded ({error}); install the Debian packages {' '.join(DEBIAN_PACKAGES)} "
-                "and `pip install libsumo`"
+                f"and run: {install('libsumo')}"
             ) from error
     return _Process.sumo
 

@@ -19,6 +19,7 @@ from wrongturn_agents.results_file import ResultsFile, read_runs, text_of
 from wrongturn_agents.suites import SuiteTrials, installed_suite
 from wrongturn_client import LocalService
 from wrongturn_client.cli import app
+from wrongturn_protocol.installing import install
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 WRONGTURN = str(Path(sys.executable).with_name("wrongturn"))
@@ -203,11 +204,11 @@ def test_what_does_not_fit_is_told(here: Path, words, says):
 
 @pytest.mark.parametrize(
     ("missing", "option", "extra"),
-    [("ray", "--ray", "wrongturn-agents[ray]"), ("wrongturn_sim.episode", "--workers=1", "wrongturn[sim]")],
+    [("ray", "--ray", "wrongturn-agents[ray]"), ("wrongturn_sim.episode", "--workers=1", "wrongturn-service")],
 )
 def test_what_is_not_installed_is_named_with_its_extra(here: Path, monkeypatch, missing, option, extra):
     for name in [name for name in sys.modules if name.startswith("wrongturn_agents.batch.")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, missing, None)
     done = CliRunner().invoke(app, [*CAREFUL, option])
-    assert f"pip install '{extra}'" in str(done.exception)
+    assert install(extra) in str(done.exception)

@@ -127,5 +127,5 @@ def test_without_onnxruntime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         return real_import(name, *args, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", no_onnxruntime)
-    with pytest.raises(OnnxRuntimeMissingError, match=r"/python\S* -m pip install 'wrongturn-agents\[onnx\]'"):
+    with pytest.raises(OnnxRuntimeMissingError, match=r"/python\S* -m pip install .*agents\[onnx\]"):
         resolve(str(file))

@@ -16,6 +16,7 @@ from wrongturn_agents.records.evaluation_record import of_run
 from wrongturn_client.cli import app
 from wrongturn_networks import load_suite
 from wrongturn_protocol import FaultKind
+from wrongturn_protocol.installing import install
 from wrongturn_protocol.standing_rows import INTERVALS
 
 
@@ -120,7 +121,7 @@ def test_requests_that_make_no_sense_are_told(run_file: Path, tmp_path: Path):
 
 def test_figures_name_the_package_that_draws_them(run_file: Path, tmp_path: Path, monkeypatch):
     monkeypatch.setattr("wrongturn_agents.records.cli.DRAWINGS", "nobody.draws")
-    assert "install wrongturn-figures" in refused("--figures", tmp_path / "new", run_file)
+    assert install("wrongturn-figures") in refused("--figures", tmp_path / "new", run_file)
 
 
 def test_the_papers_table_in_latex():

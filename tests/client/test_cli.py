@@ -2,7 +2,6 @@
 
 import gzip
 import json
-import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -19,6 +18,7 @@ from typer.testing import CliRunner
 from wrongturn_client import Client, cli, doctor, listings, plugins
 from wrongturn_client.invocation import program
 from wrongturn_protocol import Comparison, SuiteSummary
+from wrongturn_protocol.installing import install
 
 SUITE = SuiteSummary(id="mine@1", title="Mine", version=1, sha256="1" * 64, trials=3, twins=3, tracks=("privileged",))
 runner = CliRunner()
@@ -121,9 +121,9 @@ def test_an_unknown_command_is_a_usage_error(command: str, says: str) -> None:
 def test_a_command_of_a_part_that_is_missing_names_the_part(
     command: str, part: str, points: dict[tuple[str, str], str]
 ) -> None:
-    result = runner.invoke(cli.app, [command], env={"COLUMNS": "200"})
+    result = runner.invoke(cli.app, [command], env={"COLUMNS": "400"})
     assert result.exit_code == 2
-    assert f"No such command '{command}' here. It comes with {part}: pip install {shlex.quote(part)}" in result.output
+    assert f"No such command '{command}' here. It comes with {part}: {install(part)}" in result.output
 
 
 def test_the_parts_commands_are_those_that_they_add() -> None:
@@ -260,7 +260,7 @@ def test_a_file_for_json_that_cannot_be_written_is_told_first(name: str, tmp_pat
 
 def test_without_local_suites_it_says_what_to_do(points: dict[tuple[str, str], str]) -> None:
     result = runner.invoke(cli.app, ["suites"])
-    assert "install wrongturn-networks, or name a service by --url" in str(result.exception)
+    assert f"name a service by --url or WRONGTURN_URL, or run: {install('wrongturn-networks')}" in str(result.exception)
 
 
 @pytest.mark.parametrize("by", ["option", "environment"])

@@ -13,6 +13,7 @@ from typer.testing import CliRunner, Result
 from wrongturn_client import Client, WrongturnError, cli, plugins, replayed
 from wrongturn_networks import draw_trial, load_town
 from wrongturn_protocol import FaultKind, Track
+from wrongturn_protocol.installing import install
 from wrongturn_protocol.run_file import RunFormatError
 from wrongturn_sim import Episode
 
@@ -157,7 +158,7 @@ def test_what_is_missing_or_broken_is_named(run, tmp_path, monkeypatch):
     assert "cannot be read" in refused(packed, *picture)
     assert "cannot be read" in refused(tmp_path, *picture)
     monkeypatch.setattr(plugins, "entry_points", lambda group: {})
-    assert "pip install wrongturn-service" in refused(file, *picture)
+    assert install("wrongturn-service") in refused(file, *picture)
 
 
 def test_a_picture_that_cannot_be_written_is_named(driven, tmp_path):

@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from wrongturn_client.cli import app
+from wrongturn_protocol.installing import install
 from wrongturn_service import cli
 
 PROJECT = tomllib.loads(Path(__file__).parents[2].joinpath("service/pyproject.toml").read_text("utf-8"))["project"]
@@ -23,12 +24,12 @@ def test_a_command_without_the_extra_says_what_to_install(command: list[str], mo
     result = CliRunner().invoke(app, command)
     assert (result.exit_code, result.stdout) == (1, "")
     assert result.stderr == (
-        f"{command[0]}: no_such_server, no_such_database: not installed; pip install 'wrongturn-service[server]'\n"
+        f"{command[0]}: no_such_server, no_such_database: not installed; {install('wrongturn-service[server]')}\n"
     )
 
 
 def test_the_doctor_does_not_miss_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cli, "_packages", lambda: ["no_such_server"])
     assert list(cli.checks()) == [
-        ("service", True, "not installed; to run one: pip install 'wrongturn-service[server]'", "")
+        ("service", True, f"not installed; to run one: {install('wrongturn-service[server]')}", "")
     ]

@@ -195,9 +195,8 @@ def test_the_simulation_drives_without_a_service(wheels: Wheels, tmp_path: Path)
     assert done.stdout == "(60, 2)\n", done.stderr
     done = environment.wrongturn("serve")
     assert (done.returncode, done.stdout) == (1, "")
-    assert re.fullmatch(
-        r"serve: .*fastapi, .*: not installed; pip install 'wrongturn-service\[server\]'\n", done.stderr
-    )
+    advice = r"-m pip install -c dist/constraints.txt --find-links dist 'wrongturn-service\[server\]'"
+    assert re.fullmatch(rf"serve: .*fastapi, .*: not installed; \S+ {advice}\n", done.stderr)
 
 
 @pytest.mark.slow
@@ -212,11 +211,12 @@ def test_a_run_without_a_service_says_what_to_install(wheels: Wheels, tmp_path: 
     environment = wheels.install(tmp_path / "venv", "wrongturn[agents]")
     done = environment.wrongturn("run", "careful", "--suite", "smoke@3")
     assert done.returncode == 1
-    assert "no suites are installed here; pip install wrongturn-networks, or 'wrongturn-service[server]'" in done.stderr
+    assert "--find-links dist wrongturn-networks. To run agents without a --url: " in done.stderr
+    assert "--find-links dist wrongturn-networks 'wrongturn-service[server]'" in done.stderr
     environment = wheels.install(tmp_path / "with-sim", "wrongturn[agents,sim]")
     done = environment.wrongturn("run", "careful", "--suite", "smoke@3")
     assert done.returncode == 1
-    assert "pip install 'wrongturn-service[server]'\n" in done.stderr
+    assert "--find-links dist 'wrongturn-service[server]'\n" in done.stderr
     assert "Traceback" not in done.stderr
 
 

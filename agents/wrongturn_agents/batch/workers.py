@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from typing import Any, Final, Protocol, TypeVar
 
 from wrongturn_agents.errors import RunError
-from wrongturn_client.invocation import python
+from wrongturn_protocol.installing import install
 
 _Group = TypeVar("_Group")
 _Results = TypeVar("_Results")
@@ -165,9 +165,7 @@ def load_ray() -> Any:
     try:
         import ray  # noqa: PLC0415 - comes with an extra, and only --ray needs it
     except ImportError:
-        raise RunError(
-            f"--ray: Ray is not installed; install it with: {python()} -m pip install 'wrongturn-agents[ray]'"
-        ) from None
+        raise RunError(f"--ray: Ray is not installed; install it with: {install('wrongturn-agents[ray]')}") from None
     return ray
 
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from torch import Tensor, nn
 
-from wrongturn_client.invocation import python
+from wrongturn_protocol.installing import install
 
 WIDTHS: Final = (64, 128, 256, 512)
 """Channels after each of the four stages. For a picture of 64 x 192 their sizes are 16 x 48, 8 x 24, 4 x 12 and 2 x
@@ -29,7 +29,7 @@ def new_resnet(channels: int, depths: Sequence[int], widths: Sequence[int] = WID
     except ModuleNotFoundError as error:
         if error.name != "transformers":  # it is there, and lacks something itself
             raise
-        remedy = f"{python()} -m pip install 'wrongturn-agents[training]'"
+        remedy = install("wrongturn-agents[training]")
         raise ModuleNotFoundError(f"ResNets are made by transformers; install it with: {remedy}") from error
     sizes = {"embedding_size": widths[0], "hidden_sizes": list(widths), "depths": list(depths)}
     return ResNetModel(ResNetConfig(num_channels=channels, layer_type="basic", **sizes))

@@ -16,6 +16,7 @@ from wrongturn_agents.stored_results import shipped_results
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_client.plugins import entry_points, load
 from wrongturn_client.tables import breakdown_table, console
+from wrongturn_protocol.installing import install
 from wrongturn_protocol.json_output import STDOUT, check_json_file, write_whole
 
 DRAWINGS: Final = "wrongturn.drawings"
@@ -125,7 +126,7 @@ def _draw(runs: Sequence[EvaluationRecord], folder: Path, formats: Sequence[str]
     """Let each package that draws runs, as wrongturn-figures, draw them into a folder."""
     points = entry_points(DRAWINGS)
     if not points:
-        raise MissingPackageError("--figures: nothing that draws is installed; install wrongturn-figures")
+        raise MissingPackageError(f"--figures: nothing that draws is installed; {install('wrongturn-figures')}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -3,7 +3,7 @@
 from importlib.util import find_spec
 
 from wrongturn_agents.errors import AgentsError
-from wrongturn_client.invocation import python
+from wrongturn_protocol.installing import install
 
 
 class TrainingError(AgentsError, ValueError):
@@ -16,5 +16,5 @@ def require_extra() -> None:
     if missing:
         raise TrainingError(
             f"{', '.join(missing)} is not installed; install what this needs with: "
-            f"{python()} -m pip install 'wrongturn-agents[training]'"
+            f"{install('wrongturn-agents[training]')}"
         )

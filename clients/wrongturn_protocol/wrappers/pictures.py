@@ -14,6 +14,7 @@ from gymnasium.utils import RecordConstructorArgs
 from gymnasium.wrappers import TransformObservation
 from numpy.typing import NDArray
 
+from wrongturn_protocol.installing import install
 from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.segmentation import SegmentationClass
 from wrongturn_protocol.trial_options import whole_number
@@ -76,9 +77,8 @@ class ResizePictures(TransformObservation[Any, Any, Any], RecordConstructorArgs)
         try:
             import cv2  # noqa: PLC0415 - the light client does without it
         except ImportError:
-            raise DependencyNotInstalled(
-                "ResizePictures needs OpenCV; install it: pip install opencv-python-headless"
-            ) from None
+            advice = install("opencv-python-headless")
+            raise DependencyNotInstalled(f"ResizePictures needs OpenCV; install it: {advice}") from None
         self._cv2 = cv2
         pictures = _pictures(env, self)
         resized = {key: _like(space, (self._rows, self._columns, *space.shape[2:])) for key, space in pictures.items()}

@@ -15,6 +15,7 @@ from wrongturn_networks.making.placing import place_scenery
 from wrongturn_networks.making.recipes import Recipe
 from wrongturn_networks.netfile import sha256_of
 from wrongturn_networks.scenery import scenery_toml, sha256_of_scenery
+from wrongturn_protocol.installing import install
 
 OPTIONS: Final = (
     "--no-turnarounds",
@@ -30,7 +31,7 @@ def netconvert() -> Path:
     # Not imported: the package changes this process's environment, which libsumo reads.
     found = importlib.util.find_spec("sumo")
     if found is None or found.origin is None:
-        raise RuntimeError("SUMO's netconvert is missing; pip install eclipse-sumo")
+        raise RuntimeError(f"SUMO's netconvert is missing; {install('eclipse-sumo')}")
     return Path(found.origin).parent / "bin" / "netconvert"
 
 

@@ -20,6 +20,7 @@ from wrongturn_client.plugins import LOADERS, entry_points, load
 from wrongturn_figures.look import COLUMN, MARKS, PAGE, Mark, mark_of, new_figure, style
 from wrongturn_protocol import Command, FaultKind, JunctionType, TownDetail
 from wrongturn_protocol.catalogue import ApproachDetail
+from wrongturn_protocol.installing import install
 from wrongturn_protocol.junction_frame import Frame, Points, rings
 from wrongturn_protocol.words import name
 
@@ -36,7 +37,7 @@ def installed_town(name: str) -> TownDetail:
     """
     point = entry_points(LOADERS).get("town")
     if point is None:
-        raise ResultsError("no towns are installed here; install wrongturn-networks (again)")
+        raise ResultsError(f"no towns are installed here; {install('wrongturn-networks')}")
     try:
         found: TownDetail = load(point)(name).detail({})
     except ValueError as error:

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wrongturn_protocol.installing import install
+
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
 
@@ -305,7 +307,7 @@ def test_without_torch_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     done = CliRunner().invoke(app, ["export", "sb3", "agent.zip", "--out", str(tmp_path / "agent.onnx")])
     assert "torch is not installed" in str(done.exception)
-    assert "-m pip install 'wrongturn-agents[training]'" in str(done.exception)
+    assert install("wrongturn-agents[training]") in str(done.exception)
 
 
 def test_the_kinds_of_export_are_listed_and_a_checkpoint_needs_no_word(tmp_path):

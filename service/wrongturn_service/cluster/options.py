@@ -5,6 +5,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
+from wrongturn_protocol.installing import install
+
 RAY: Final = "ray"
 MOST: Final = 4096
 """Most simulators of one service."""
@@ -28,7 +30,7 @@ def simulators(given: int | str) -> int | str:
 def require_ray() -> None:
     """Raise ValueError if Ray is not installed."""
     if find_spec("ray") is None:
-        raise ValueError("needs Ray, which is not installed; pip install 'wrongturn-service[ray]'")
+        raise ValueError(f"needs Ray, which is not installed; {install('wrongturn-service[ray]')}")
 
 
 def most(simulators: int | str) -> int:

@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wrongturn_protocol.installing import install
 from wrongturn_sim.camera import cuda_kernels as kernels
 from wrongturn_sim.camera.kernels import HITS, ROWS, WORK
 from wrongturn_sim.camera.noise import clouds
@@ -101,8 +102,8 @@ class CudaRenderer:
             raise CameraError(f"number is {number!r}; give a whole number of pictures, 1 or more")
         if not device.is_available():
             raise CameraError(
-                "backend: 'cuda' finds no GPU; it needs an NVIDIA GPU, its driver and `pip install numba-cuda[cu13]` "
-                "(or [cu12], as the driver is), or give backend='cpu'"
+                "backend: 'cuda' finds no GPU; it needs an NVIDIA GPU, its driver and "
+                f"{install('numba-cuda[cu13]')} (or [cu12], as the driver is), or give backend='cpu'"
             )
         cameras = [camera] * number if isinstance(camera, Camera) else list(camera)
         self._camera = camera = one_size(cameras, number)

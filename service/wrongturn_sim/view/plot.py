@@ -8,6 +8,7 @@ import numpy as np
 from wrongturn_judge.trajectory import Trajectory
 from wrongturn_networks import Town
 from wrongturn_protocol import Outcome, Safety
+from wrongturn_protocol.installing import install
 from wrongturn_sim.errors import DependencyMissingError
 from wrongturn_sim.view import colours, scene
 from wrongturn_sim.view.window import Points
@@ -26,9 +27,7 @@ def plot_episode(town: Town, trajectory: Trajectory, outcome: Outcome | None) ->
         from matplotlib.collections import LineCollection  # noqa: PLC0415
         from matplotlib.colors import ListedColormap  # noqa: PLC0415
     except ImportError as error:
-        raise DependencyMissingError(
-            "plot: needs matplotlib, which is missing: pip install 'wrongturn-service[plot]'"
-        ) from error
+        raise DependencyMissingError(f"plot: needs matplotlib, which is missing: {install('matplotlib')}") from error
     rows, trial = trajectory.rows, trajectory.trial
     window = scene.whole_window(town, rows, trial.approach, _PIXELS)
     fastest, half = scene.fastest_of(rows), window.extent / 2

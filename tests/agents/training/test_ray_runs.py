@@ -12,6 +12,7 @@ from counting_method import counting, program_of, trained, until  # noqa: F401 -
 
 from wrongturn_agents.training.checkpoint import read
 from wrongturn_agents.training.progress import read_rows
+from wrongturn_protocol.installing import install
 
 pytestmark = pytest.mark.usefixtures("counting")
 STATE = Path("runs/counting-1/state.pt")
@@ -55,7 +56,7 @@ def test_a_cluster_that_is_not_there_is_named(address, monkeypatch):
 
 def test_without_ray_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    assert "pip install 'wrongturn-agents[ray]'" in str(trained("counting", "--ray").exception)
+    assert install("wrongturn-agents[ray]") in str(trained("counting", "--ray").exception)
 
 
 @pytest.mark.soak
