@@ -21,7 +21,7 @@ from wrongturn_service.api import (
     whatifs,
 )
 from wrongturn_service.api.documents import built, serve_document
-from wrongturn_service.api.middleware import Middleware
+from wrongturn_service.api.middleware import Middleware, PagesCompressed
 from wrongturn_service.errors import StartupError
 from wrongturn_service.service import run_service
 from wrongturn_service.settings import Settings
@@ -74,6 +74,7 @@ def create_app(settings: Settings, *, pool: SimulatorPool | None = None, runner:
     )
     app.state.startup_error = None
     app.state.telemetry = telemetry
+    app.add_middleware(PagesCompressed)
     app.add_middleware(Middleware, telemetry=telemetry, step=episodes.plain_step)
     errors.install(app)
     # Not by include_router, which would analyse every route a second time, in 0.1 s of each start.

@@ -19,6 +19,7 @@ def page_paths(site: Site, suite: str) -> dict[str, str]:
         "submit": "/submit",
         "docs": "/docs",
         "keys": "/keys",
+        "about": "/about",
     }
 
 

@@ -27,9 +27,17 @@ def test_an_agent_is_compared_by_the_form_of_its_page(visit: Visit, site: Site):
 def test_without_names_the_page_asks(visit: Visit, accessible: Accessible):
     page = visit(PATH, width=400)
     accessible(page)
-    page.get_by_label("Agent", exact=True).fill("careful")
-    page.get_by_label("Other agent").fill("obeys-blindly")
-    page.keyboard.press("Enter")
-    page.wait_for_url("**a=careful&b=obeys-blindly")
+    page.get_by_label("Agent", exact=True).select_option("careful")
+    page.get_by_label("Other agent").select_option("obeys-blindly")
+    page.get_by_role("button", name="Compare").click()
     assert page.inner_text("h1") == "careful and obeys-blindly"
     assert page.evaluate("document.documentElement.scrollWidth") == 400
+
+
+def test_a_wrong_choice_is_told_above_the_form_which_stays(visit: Visit, site: Site):
+    page = visit(f"{PATH}?a=careful&b=nobody", status=404)
+    assert "'nobody' has no finished evaluation" in page.get_by_role("alert").inner_text()
+    assert page.get_by_label("Agent", exact=True).input_value() == site.agents["careful"]
+    page = visit(f"{PATH}?a=careful&b={site.agents['careful']}", status=422)
+    assert page.get_by_role("alert").inner_text() == "That is the same agent twice. Choose two different ones."
+    assert page.get_by_role("button", name="Compare").is_visible()

@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 from typing import Final
 
 import structlog
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -23,7 +24,20 @@ _METHODS: Final = {"GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH"}
 _QUOTA_REACHED: Final = 507
 _STEP: Final = "/v1/episodes/{episode}/step"
 """Not logged at all: a line costs a tenth of a step."""
+_AS_IT_IS: Final = re.compile(r"/v1/(?!leaderboards)|/health|/metrics|.*\.mp4$")
 _STEPPED: Final = re.compile(_STEP.replace("{episode}", r"([^/\0]+)"))
+
+
+class PagesCompressed:
+    """Compress pages, styles, scripts and rankings for who accepts it. Steps and films stay as they are."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._plain, self._compressed = app, GZipMiddleware(app, minimum_size=1000, compresslevel=5)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request."""
+        of_pages = scope["type"] == "http" and scope["method"] == "GET" and not _AS_IT_IS.match(scope["path"])
+        await (self._compressed if of_pages else self._plain)(scope, receive, send)
 
 
 class Middleware:

@@ -14,7 +14,13 @@ from sqlalchemy.orm import aliased
 from wrongturn_protocol import EpisodeState, EvaluationState, FaultKind, Outcome, Trial, twin_id
 from wrongturn_service.storage.models import AgentRow, EpisodeRow, EvaluationRow, TrajectoryRow
 from wrongturn_service.storage.queries import Queries
-from wrongturn_service.storage.visible import counting_suites, has_evaluation, public_evaluations, seen_agents
+from wrongturn_service.storage.visible import (
+    counting_suites,
+    has_evaluation,
+    public_evaluations,
+    seen_agents,
+    seen_evaluations,
+)
 
 
 class FinishedEpisode(NamedTuple):
@@ -61,6 +67,16 @@ class FinishedStore(Queries):
         """Return an agent's finished evaluations in the order in which they were begun."""
         query = select(EvaluationRow).where(EvaluationRow.agent_id == agent_id, *public_evaluations())
         return await self._all(query.order_by(EvaluationRow.seq))
+
+    async def running(self, agent_id: str) -> list[tuple[str, int, int]]:
+        """Return an agent's open evaluations: the suite, and how many of how many episodes are driven."""
+        driven = select(func.count()).where(
+            EpisodeRow.evaluation_id == EvaluationRow.id, EpisodeRow.state == EpisodeState.FINISHED
+        )
+        query = select(EvaluationRow.suite, driven.scalar_subquery(), EvaluationRow.trials).where(
+            EvaluationRow.agent_id == agent_id, EvaluationRow.state == EvaluationState.RUNNING, seen_evaluations()
+        )
+        return list(await self._rows(query.order_by(EvaluationRow.seq)))
 
     async def counting(self, agent_id: str) -> set[str]:
         """Return the ids of an agent's evaluations that count: the first on each suite, hidden ones too."""

@@ -86,7 +86,7 @@ async def agent(
         "evaluations": rows[::-1],
         "words": words,
     }
-    values |= {"counting": counting, "finished": finished}
+    values |= {"counting": counting, "finished": finished, "running": await service.finished.running(agent)}
     if row is None:
         wanted = catalogue.suite(suite) if suite else None
         return page(request, "agent.html", row=None, suite=wanted, **values)

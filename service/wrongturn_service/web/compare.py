@@ -1,7 +1,8 @@
 """The page of two agents: stratum by stratum, map beside map, and trial beside trial."""
 
 import asyncio
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from http import HTTPStatus
 from itertools import zip_longest
 from typing import Annotated, Final
 
@@ -10,7 +11,6 @@ from fastapi import APIRouter, Query, Request, Response
 from wrongturn_protocol import FaultKind, JunctionType
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import ServiceDep
-from wrongturn_service.errors import InvalidRequestError
 from wrongturn_service.storage.finished import FinishedEpisode
 from wrongturn_service.web import junction_map, words
 from wrongturn_service.web.driven import DrivenEvaluation, driven_evaluation, errand, place
@@ -18,8 +18,8 @@ from wrongturn_service.web.junction_map import JunctionMap
 from wrongturn_service.web.page import page
 
 router = APIRouter(include_in_schema=False)
-_OFFERED: Final = 200
-"""Names that the form offers. Others can be typed."""
+_OFFERED: Final = 1000
+"""Agents that the form offers. The page of each agent compares it too."""
 _DIFFERENT: Final = "different"
 Beside = tuple[FinishedEpisode | None, FinishedEpisode | None]
 """A trial of each agent; None where the other one has no such trial."""
@@ -39,16 +39,16 @@ async def compare(
 
     ``only=different`` lists only trials that were unsafe for one of them alone.
     """
-    if only not in {"", _DIFFERENT}:
-        raise InvalidRequestError("only", f"is neither left out nor {_DIFFERENT!r}")
     known = catalogue.suite(suite)
     entries = [entry for entry in (await service.leaderboards.board(suite)).entries if entry.evaluation]
-    offered = [entry.agent.name for entry in entries[:_OFFERED]]
-    if not (a and b):
-        return page(request, "compare.html", suite=known, offered=offered, asked=(a, b), comparison=None)
+    offered = sorted({(entry.agent.name, entry.agent.id) for entry in entries[:_OFFERED]})
     # By ids, so that each spelling of a name finds the same. An id comes before a name that looks like it.
     ids = {entry.agent.name.lower(): entry.agent.id for entry in entries} | {e.agent.id: e.agent.id for e in entries}
     first, second = (ids.get(asked) or ids.get(asked.lower(), asked) for asked in (a, b))
+    status, problem = _problem((a, b), (first, second), ids, known.id)
+    if problem or not (a and b):
+        values = {"offered": offered, "asked": (first, second), "problem": problem}
+        return page(request, "compare.html", status=status, suite=known, comparison=None, **values)
     key = ("comparison", service.leaderboards.generation, suite, first, second)
     comparison = await service.cache.get(key, lambda: service.leaderboards.compare(suite, first, second))
     evaluations = {entry.agent.id: entry.evaluation for entry in entries}
@@ -60,7 +60,8 @@ async def compare(
         "compare.html",
         suite=known,
         offered=offered,
-        asked=(comparison.a.name, comparison.b.name),
+        asked=(first, second),
+        problem="",
         comparison=comparison,
         trials=len(rows),
         rows=[row for row in rows if only != _DIFFERENT or _differ(row)],
@@ -69,6 +70,19 @@ async def compare(
         words=words,
         map=junction_map,
     )
+
+
+def _problem(
+    asked: tuple[str, str], found: tuple[str, str], ids: Mapping[str, str], suite: str
+) -> tuple[HTTPStatus, str]:
+    """Return the page's status and why two agents cannot be compared, in words; empty if they can or none is named."""
+    for name, agent in zip(asked, found, strict=True):
+        if name and agent not in ids.values():
+            reason = f"{name[:64]!r} has no finished evaluation on {suite}. Choose two agents of the list."
+            return HTTPStatus.NOT_FOUND, reason
+    if asked[0] and found[0] == found[1]:
+        return HTTPStatus.UNPROCESSABLE_ENTITY, "That is the same agent twice. Choose two different ones."
+    return HTTPStatus.OK, ""
 
 
 def beside(a: Iterable[FinishedEpisode], b: Iterable[FinishedEpisode]) -> list[Beside]:

@@ -4,21 +4,23 @@ import asyncio
 from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from importlib import metadata
-from typing import Annotated, Final, TypeVar
+from typing import Annotated, Any, Final, TypeVar
 
 import structlog
 from fastapi import APIRouter, Query, Request, Response
 from markupsafe import Markup
+from starlette.responses import PlainTextResponse
 
 from wrongturn_networks import Suite, load_suite
-from wrongturn_protocol import AgentKind, Leaderboard, LeaderboardEntry, LeaderboardList, LeaderboardSummary, Track
-from wrongturn_protocol.standing_rows import MARKS
+from wrongturn_protocol import AgentKind, Leaderboard, LeaderboardEntry, LeaderboardSummary, Track
+from wrongturn_protocol.standing_rows import MARKS, leaderboard_csv
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import ServiceDep
 from wrongturn_service.errors import InvalidRequestError
 from wrongturn_service.service import Service
-from wrongturn_service.web import words
-from wrongturn_service.web.page import numbered_page, rendered, sent
+from wrongturn_service.web import junction_map, words
+from wrongturn_service.web.failed import failed_trial
+from wrongturn_service.web.page import SECURITY, numbered_page, rendered, sent
 from wrongturn_service.web.standings import of_paper, page_count, standings
 
 router = APIRouter(include_in_schema=False)
@@ -26,6 +28,8 @@ FIRST: Final = "wrong-command-unseen@1"
 """The suite whose leaderboard is the first page: the ranking that counts."""
 _PAPERS: Final = "wrong-command@3"
 """The suite of the paper's table."""
+_SHOWN: Final = (FIRST, _PAPERS, "smoke@3")
+"""Suites of which the first page shows a failed trial."""
 Filter = Annotated[str, Query(max_length=40)]
 _KINDS: Final = (AgentKind.SUBMITTED, AgentKind.REFERENCE, AgentKind.BASELINE, AgentKind.EXPLOIT, AgentKind.ALGORITHM)
 """Kinds in the order of the filter."""
@@ -50,6 +54,14 @@ async def leaderboard(
     return await _leaderboard(request, service, suite, track, kind, page)
 
 
+@router.api_route("/leaderboards/{suite}/table.csv", methods=["GET", "HEAD"])
+async def table(service: ServiceDep, suite: str) -> Response:
+    """Send a leaderboard as CSV, a row for each agent."""
+    board = await service.leaderboards.board(catalogue.suite(suite).id)
+    rows = await asyncio.to_thread(leaderboard_csv, board)
+    return PlainTextResponse(rows, media_type="text/csv", headers=SECURITY)
+
+
 async def _leaderboard(
     request: Request, service: Service, suite_id: str, track_name: str, kind_name: str, page_number: str
 ) -> Response:
@@ -68,7 +80,10 @@ async def _leaderboard(
 
     async def render() -> bytes:
         others = await service.leaderboards.summaries()
-        return await asyncio.to_thread(_render, request.url.path, suite, board, entries, track, kind, number, others)
+        front = request.url.path == "/"
+        failed = await failed_trial(service, _SHOWN) if front else None
+        values = {"front": front, "failed": failed, "others": sorted(others.leaderboards, key=_place)}
+        return await asyncio.to_thread(_render, request.url.path, suite, board, entries, track, kind, number, values)
 
     return sent(request, await service.pages.get((generation, request.url.path, suite_id, track, kind, number), render))
 
@@ -81,7 +96,7 @@ def _render(
     track: Track | None,
     kind: AgentKind | None,
     number: int,
-    others: LeaderboardList,
+    values: dict[str, Any],
 ) -> bytes:
     journeys = suite.of_journeys
     return rendered(
@@ -99,7 +114,8 @@ def _render(
         tracks=[each for each in Track if each in suite.tracks],
         kinds=_KINDS,
         papers=_PAPERS if suite.id == FIRST else None,
-        others=sorted(others.leaderboards, key=_place),
+        box=junction_map,
+        **values,
     )
 
 

@@ -1,6 +1,8 @@
 """Pages: Jinja templates and static files, sent with a strict Content-Security-Policy."""
 
 from functools import cache
+from importlib.metadata import metadata
+from importlib.resources import files
 from typing import Any, Final
 
 from fastapi import APIRouter, Request, Response
@@ -26,13 +28,28 @@ SECURITY: Final = {
 @cache
 def templates() -> Environment:
     """Return the environment of the templates. It escapes everything and refuses unknown names."""
-    return Environment(
+    environment = Environment(
         loader=PackageLoader("wrongturn_service.web"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.globals["project_links"] = project_links
+    return environment
+
+
+@cache
+def project_links() -> list[tuple[str, str]]:
+    """Return names and addresses of the project's own pages, such as its repository, as its package declares them."""
+    declared = metadata("wrongturn-service").get_all("Project-URL") or []
+    return [(name.strip(), url.strip()) for name, _, url in (one.partition(",") for one in declared)]
+
+
+@router.api_route("/about", methods=["GET", "HEAD"])
+async def about(request: Request) -> Response:
+    """Show the paper, the licence, and how to cite."""
+    return page(request, "about.html", bibtex=(files("wrongturn_service.web") / "citation.bib").read_text("utf-8"))
 
 
 def page(request: Request, template: str, *, status: int = 200, **values: Any) -> Response:

@@ -11,7 +11,8 @@ from fastapi import APIRouter, Query, Request, Response
 from wrongturn_networks import Suite, load_suite, suite_ids
 from wrongturn_networks.catalogue import list_suites, list_towns
 from wrongturn_networks.draws import is_drawn_cell
-from wrongturn_protocol import Cell, Command, Condition, Fault, FaultKind, JunctionType, Task, Trial
+from wrongturn_protocol import Cell, Command, Condition, Fault, FaultKind, JunctionType, Task, Track, Trial
+from wrongturn_protocol.observations import observation_space
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import ServiceDep
 from wrongturn_service.settings import Registration
@@ -74,7 +75,27 @@ async def submit(
         limit_mib=settings.model_limit // 2**20,
         suite=catalogue.suite(suite).summary(),
         suites=list_suites(),
+        inputs=_inputs(),
     )
+
+
+@cache
+def _inputs() -> list[dict[str, str]]:
+    """Return what a model may take: each key of the observations, with its shape, dtype and tracks."""
+    found: dict[str, tuple[str, str, list[str]]] = {}
+    for track in Track:
+        for name, space in observation_space(track).items():
+            assert space.shape is not None
+            shape = " by ".join(["N", *map(str, space.shape)])
+            found.setdefault(name, (shape, str(space.dtype), []))[2].append(track)
+    return [
+        {"name": name, "shape": shape, "dtype": dtype, "tracks": _in_words(tracks)}
+        for name, (shape, dtype, tracks) in found.items()
+    ]
+
+
+def _in_words(tracks: list[str]) -> str:
+    return "every track" if tracks == [*Track] else f"{' and '.join(tracks)} track{'s' if tracks[1:] else ''}"
 
 
 DRAWN: Final = "of its own"

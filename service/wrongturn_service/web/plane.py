@@ -11,6 +11,10 @@ from wrongturn_service.web.page import templates
 _MARGIN: Final = 22
 """Room between the frame and the rates 0 and 100 %, pixels. Most marks are near these."""
 TICKS: Final = (0, 25, 50, 75, 100)
+_BELOW: Final = 0.2
+"""Share of the width for agents that complete too few twins for a rank. The others need the room."""
+_BESIDE: Final = 14.0
+"""Marks with the same share of twins stand this far beside each other, pixels, so that their bars can be told apart."""
 _LETTER: Final = 6.6
 """Width of a letter, pixels. Labels have 12 px; a little too much is harmless."""
 _LINE: Final = 14
@@ -50,10 +54,6 @@ class PlaneFrame(NamedTuple):
     right: int
     bottom: int
 
-    def across(self, rate: float) -> float:
-        """Return the x of a share of completed twins, pixels."""
-        return round(self.left + _MARGIN + (self.right - self.left - 2 * _MARGIN) * rate, 1)
-
     def up(self, rate: float) -> float:
         """Return the y of an unsafe rate, pixels."""
         return round(self.bottom - _MARGIN - (self.bottom - self.top - 2 * _MARGIN) * rate, 1)
@@ -65,12 +65,49 @@ NARROW: Final = PlaneFrame("narrow", 360, 380, 48, 10, 348, 332)
 
 
 @dataclass(frozen=True)
+class Across:
+    """The axis of completed twins. It is broken where ranks begin."""
+
+    frame: PlaneFrame
+    trials: int
+
+    @property
+    def least(self) -> int:
+        """Twins that an agent has to complete for a rank."""
+        return least_completed(self.trials)
+
+    @property
+    def broken(self) -> float:
+        """Where the axis is broken, pixels."""
+        return round(self.frame.left + _BELOW * (self.frame.right - self.frame.left), 1)
+
+    @property
+    def apart(self) -> float:
+        """How far one twin more takes a ranked mark to the right, pixels."""
+        return (self.frame.right - self.broken) / (self.trials - self.least + 1)
+
+    def at(self, completed: float) -> float:
+        """Return the x of a number of completed twins, pixels."""
+        if completed < self.least:
+            width = self.broken - self.frame.left - 2 * _MARGIN
+            return round(self.frame.left + _MARGIN + width * completed / max(1, self.least - 1), 1)
+        return round(self.broken + (completed - self.least + 0.5) * self.apart, 1)
+
+    def ticks(self) -> list[tuple[float, str]]:
+        """Return the places of the axis that have a number, in per cent, and the numbers."""
+        wanted = dict.fromkeys((0, self.least, (self.least + self.trials) // 2, self.trials))
+        return [(self.at(one), f"{100 * one / self.trials:.0f}") for one in wanted]
+
+
+@dataclass(frozen=True)
 class Mark:
     """Agents of one kind with the same figures."""
 
     x: float
     y: float
     kind: AgentKind
+    bar: tuple[float, float]
+    """Ends of the unsafe rate's 95 % interval, pixels from the top."""
     tooltip: str
     label: str
     place: "LabelPlace | None"
@@ -96,6 +133,8 @@ class Plane:
     marks: tuple[Mark, ...]
     ranked_from: float
     """Marks of agents that complete enough twins for a rank are to the right of this; pixels."""
+    ticks: list[tuple[float, str]]
+    """Numbers of the axis of completed twins."""
     kinds: tuple[AgentKind, ...]
     """Kinds that are present, for the key."""
 
@@ -108,17 +147,14 @@ def figure(entries: Sequence[LeaderboardEntry]) -> str | None:
 
 def plane(entries: Sequence[LeaderboardEntry], frame: PlaneFrame) -> Plane | None:
     """Return the plane of a suite's entries, or None if none of them has twins."""
-    across, up = frame.across, frame.up
-    alike: dict[tuple[float, float, AgentKind], list[LeaderboardEntry]] = {}
-    for entry in entries:
-        if entry.twins.trials:
-            key = (across(entry.twins.completed / entry.twins.trials), up(entry.unsafe_strict.rate), entry.agent.kind)
-            alike.setdefault(key, []).append(entry)
-    if not alike:
+    twins = max((entry.twins.trials for entry in entries), default=0)
+    if not twins:
         return None
+    across = Across(frame, twins)
+    alike = _alike([entry for entry in entries if entry.twins.trials], across)
     # The first box is that of the text which names the region without ranks.
     boxes = [
-        (frame.left, 34.0, frame.left + 220.0, 56.0),
+        (frame.left, frame.top, across.broken, 56.0),
         *((x - _MARK, y - _MARK, x + _MARK, y + _MARK) for x, y, _ in alike),
     ]
     marks: list[Mark] = []
@@ -128,21 +164,40 @@ def plane(entries: Sequence[LeaderboardEntry], frame: PlaneFrame) -> Plane | Non
         found = alike[x, y, kind]
         label = _name(found[0]) + (f" +{len(found) - 1}" if len(found) > 1 else "")
         place = _place(x, y, label, frame, boxes) if len(marks) < _LABELS else None
-        marks.append(Mark(x, y, kind, _tooltip(found), label, place))
-    trials = entries[0].twins.trials
+        bar = (frame.up(found[0].unsafe_strict.ci95[1]), frame.up(found[0].unsafe_strict.ci95[0]))
+        marks.append(Mark(x, y, kind, bar, _tooltip(found), label, place))
     present = {kind for _, _, kind in alike}
-    least = least_completed(trials)
     return Plane(
         frame=frame,
         marks=tuple(reversed(marks)),
-        ranked_from=max(across((least - 0.5) / trials), across(least / trials) - _MARK),
+        ranked_from=across.broken,
+        ticks=across.ticks(),
         kinds=tuple(kind for kind in AgentKind if kind in present),
     )
 
 
+def _alike(
+    entries: Sequence[LeaderboardEntry], across: Across
+) -> dict[tuple[float, float, AgentKind], list[LeaderboardEntry]]:
+    """Return the entries by the place of their mark. Places with the same share of twins stand beside each other."""
+    columns: dict[float, dict[tuple[float, AgentKind], list[LeaderboardEntry]]] = {}
+    for entry in entries:
+        x = across.at(entry.twins.completed * across.trials / entry.twins.trials)
+        key = (across.frame.up(entry.unsafe_strict.rate), entry.agent.kind)
+        columns.setdefault(x, {}).setdefault(key, []).append(entry)
+    found = {}
+    for x, column in columns.items():
+        step = min(_BESIDE, 0.8 * across.apart / len(column))
+        for number, (y, kind) in enumerate(sorted(column)):
+            found[round(x + (number - (len(column) - 1) / 2) * step, 1), y, kind] = column[y, kind]
+    return found
+
+
 def _name(entry: LeaderboardEntry) -> str:
     """Return the name of an entry. An agent may have the name of an algorithm, so that has its seeds beside it."""
-    return entry.agent.name if entry.seeds is None else f"{entry.agent.name}, {entry.seeds.count} seeds"
+    if entry.seeds is None:
+        return entry.agent.name
+    return f"{entry.agent.name}, {entry.seeds.count} seed{'s' if entry.seeds.count > 1 else ''}"
 
 
 def _tooltip(found: Sequence[LeaderboardEntry]) -> str:

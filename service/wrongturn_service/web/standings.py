@@ -16,6 +16,18 @@ _OF_PAPER: Final = {"wrong-command", "navigation"}
 """Suites with figures of the paper."""
 
 
+_ALGORITHMS: Final = "Our algorithms, median over training seeds; not ranked"
+_NOTES: Final = {
+    _ALGORITHMS: "An algorithm was trained several times, each time from another seed, and all drove the open draw. "
+    "Its row has the median seed, and its line spans the seeds. The agent of the same name is one of these, the "
+    "shipped one: it drove a draw of its own and has a rank."
+}
+_PAPERS_NOTE: Final = (
+    "Carton et al. drove their agents in CARLA and judged by eye. Those of the same name here have the paper's design "
+    "and were trained on our towns. So compare only which junctions are hard, and the order of the agents."
+)
+
+
 class Line(NamedTuple):
     """One agent, algorithm, or agent of the paper."""
 
@@ -31,10 +43,13 @@ class Line(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Lines of one track."""
+    """Lines of one track, or of what is not ranked."""
 
     title: str
     lines: tuple[Line, ...]
+    note: str = ""
+    """How the lines differ from an agent of the same name; empty for agents. Such a group is folded."""
+    of_paper: bool = False
 
 
 class First(NamedTuple):
@@ -51,9 +66,10 @@ class Standings:
     """A leaderboard's table, or a page of it."""
 
     columns: Columns
-    groups: tuple[Group, ...]
-    paper: Group | None
-    """The paper's agents, for comparison."""
+    ranked: tuple[Group, ...]
+    """Agents, by track."""
+    folded: tuple[Group, ...]
+    """Algorithms over their training seeds and the paper's agents, for comparison."""
     first: tuple[First, ...]
     """The agents of rank 1, by track."""
     shown: int
@@ -80,10 +96,13 @@ def standings(
         theirs = tuple(
             Line(columns.row_of_paper(agent), agent.title, (f"the design of {agent.ours}",)) for agent in PAPER
         )
+    groups = list(_groups(here, columns))
+    if theirs:
+        groups.append(Group("The paper's agents, in CARLA", theirs, _PAPERS_NOTE, of_paper=True))
     return Standings(
         columns=columns,
-        groups=tuple(_groups(here, columns)),
-        paper=Group("The paper's agents, in CARLA", theirs) if theirs else None,
+        ranked=tuple(group for group in groups if not group.note),
+        folded=tuple(group for group in groups if group.note),
         first=tuple(_first(board)),
         shown=len(entries),
         page=page,
@@ -117,11 +136,11 @@ def _groups(entries: Sequence[LeaderboardEntry], columns: Columns) -> Iterator[G
             worst, best = interval(entry)
             row = replace(row, narrow=(1 - best, 1 - worst))
         if entry.seeds is not None:
-            title = "Our algorithms, median over training seeds; not ranked"
+            title = _ALGORITHMS
             line = Line(row, name_of(entry), (f"{agent.track} track", *notes_of(entry)))
         else:
             title = f"{agent.track.capitalize()} track"
             notes = (agent.kind.value, *notes_of(entry))
             line = Line(row, name_of(entry), notes, rank_of(entry), agent.id, entry.why_not)
         groups.setdefault(title, []).append(line)
-    return (Group(title, tuple(lines)) for title, lines in groups.items() if lines)
+    return (Group(title, tuple(lines), _NOTES.get(title, "")) for title, lines in groups.items() if lines)
