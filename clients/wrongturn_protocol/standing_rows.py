@@ -102,7 +102,7 @@ class Columns:
             return cls(True, "journeys that reached their goal, in %", _JOURNEYS, "Task", tasks, conditions)
         types = (*PAPER_TYPES, *(one for one in JunctionType if one in present and one not in PAPER_TYPES))
         faults = [*FaultKind, *sorted(line for _, line in found if line not in set(FaultKind))]
-        lines = tuple(dict.fromkeys(one for one in faults if one in present or one in PAPER[0].unsafe_of))
+        lines = tuple(dict.fromkeys(one for one in faults if one in present)) or tuple(PAPER[0].unsafe_of)
         return cls(False, "unsafe episodes", _UNSAFE, "Fault", lines, types)
 
     def row(self, metrics: Metrics) -> StandingRow:

@@ -25,6 +25,14 @@ from wrongturn_service.storage.store import Store
 _EPISODE = ("id", "steps", "trajectory_sha256", "actions_sha256")
 
 
+def key_in(file: Path) -> bytes:
+    """Return the private key that a file holds. Raises ValueError if it holds none."""
+    digits = read_secret(file)
+    if not re.fullmatch("[0-9a-fA-F]{64}", digits):
+        raise ValueError(f"{file} holds no 64 hexadecimal digits; to make a key: openssl rand -hex 32")
+    return bytes.fromhex(digits)
+
+
 class Certificates:
     """Signs the records of finished evaluations, with one key at a time.
 
@@ -45,10 +53,7 @@ class Certificates:
         now = next(iter(await self._rows.keys()), None)
         stored = None if now is None or act is not None else now.private
         if self._file is not None:
-            digits = read_secret(self._file)
-            if not re.fullmatch("[0-9a-fA-F]{64}", digits):
-                raise ValueError(f"{self._file} holds no 64 hexadecimal digits; to make a key: openssl rand -hex 32")
-            stored = bytes.fromhex(digits)
+            stored = key_in(self._file)
         key = Ed25519PrivateKey.generate() if stored is None else Ed25519PrivateKey.from_private_bytes(stored)
         public = key.public_key().public_bytes_raw().hex()
         if now is None or now.public != public:

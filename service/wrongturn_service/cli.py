@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
@@ -143,6 +144,19 @@ def _await_end(pipe: int) -> None:
     os.kill(os.getpid(), signal.SIGTERM)
 
 
+def _signing_key(file: Path | None) -> tuple[str, bool, str, str]:
+    """Check the key that signs certificates."""
+    if file is None:
+        return "signing key", True, "in the database, so backups keep it", ""
+    from wrongturn_service.certificates import key_in  # noqa: PLC0415
+
+    try:
+        key_in(file)
+    except ValueError as error:
+        return ("signing key", False, str(error), "correct it; see docs/certificates.md")
+    return "signing key", True, f"in {file}; backups do not hold it", ""
+
+
 def checks() -> Iterator[tuple[str, bool, str, str]]:
     """Yield each check as its name, whether it passed, what it found, and the remedy if it failed."""
     if missing_packages():
@@ -177,6 +191,7 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
         yield "database", False, str(error), remedy
     else:
         yield "database", True, found, ""
+    yield _signing_key(settings.signing_key_file)
     from wrongturn_service.simulators import check  # noqa: PLC0415
     from wrongturn_service.simulators.interface import SimulatorStartError  # noqa: PLC0415
 

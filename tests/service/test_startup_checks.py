@@ -104,8 +104,8 @@ def test_a_simulators_memory_is_told_without_the_compilers(
     monkeypatch.setattr(check, "_COMPILED_S", 0.0)
     monkeypatch.setattr(check.Machine, "available_memory", lambda _: free)
     for _ in range(2):
-        name, ok, detail, _remedy = list(cli.checks())[2]
-        assert (name, ok) == ("simulators", True)
+        _name, ok, detail, _remedy = next(one for one in cli.checks() if one[0] == "simulators")
+        assert ok
         (mib,) = re.findall(r"has (\d+) MiB", detail)
         assert int(mib) < 400
 
@@ -133,3 +133,20 @@ def test_too_few_are_told_at_the_start() -> None:
         server.warn_if_few(1024, 16, 4096)
     assert said[0]["connections"] == 896
     assert "to 4224, or set WRONGTURN_MAX_CONNECTIONS to 896" in said[0]["remedy"]
+
+
+def test_the_key_of_certificates_is_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def found() -> tuple[str, bool, str, str]:
+        return next(one for one in cli.checks() if one[0] == "signing key")
+
+    assert found()[1:3] == (True, "in the database, so backups keep it")
+    file = tmp_path / "signing_key"
+    file.write_text("ab" * 32)
+    file.chmod(0o600)
+    monkeypatch.setenv("WRONGTURN_SIGNING_KEY_FILE", str(file))
+    assert found()[1:3] == (True, f"in {file}; backups do not hold it")
+    file.write_text("no key")
+    _, ok, detail, remedy = found()
+    assert not ok
+    assert "openssl rand -hex 32" in detail
+    assert "docs/certificates.md" in remedy

@@ -19,7 +19,7 @@ class MaskedClasses(Disturbance):
     guide_word = "part of"
     words = "The segmentation lacks some classes."
     drawn = "which"
-    dose = Dose("how many", "classes", 0.0, float(len(_CLASSES)), 3.0, (1.0, 3.0, 6.0))
+    dose = Dose("how many classes", "", 0.0, float(len(_CLASSES)), 3.0, (1.0, 3.0, 6.0))
     tracks = (Track.SEGMENTATION,)
 
     def __init__(self, trial: Trial) -> None:

@@ -45,7 +45,7 @@ class Dose(NamedTuple):
         """Return why a value cannot be taken, and the remedy; None where it can."""
         if value is None or self.low <= value <= self.high:
             return None
-        return f"fault.{name}: is {value:g}; give {self.meaning}, {self.low:g} to {self.high:g} {self.unit}"
+        return f"fault.{name}: is {value:g}; give {self.meaning}, {self.low:g} to {self.high:g} {self.unit}".rstrip()
 
 
 class CommandFault(ABC):
