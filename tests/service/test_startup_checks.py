@@ -145,7 +145,7 @@ def test_the_key_of_certificates_is_checked(tmp_path: Path, monkeypatch: pytest.
     file.chmod(0o600)
     monkeypatch.setenv("WRONGTURN_SIGNING_KEY_FILE", str(file))
     assert found()[1:3] == (True, f"in {file}; backups do not hold it")
-    file.write_text("no key")
+    file.write_text("z" * 64)
     _, ok, detail, remedy = found()
     assert not ok
     assert "openssl rand -hex 32" in detail
