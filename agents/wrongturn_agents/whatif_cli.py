@@ -106,10 +106,10 @@ def whatif(
 
     WRONGTURN_TOKEN: the token of the agent that drove, for --post and for practice episodes.
     """
-    if sweep == (command is not None or at is not None):
+    if sweep and (command is not None or at is not None):
         raise RunError("--sweep: give it alone, or --command and --at without it")
     if not sweep and (command is None or at is None):
-        raise RunError("--command, --at: go together. Example: --command LEFT --at 3.2")
+        raise RunError("--command, --at: give both, such as --command LEFT --at 3.2; or --sweep")
     if every_trial and (not sweep or episode is not None or post):
         raise RunError("--all: needs --sweep, and neither --episode nor --post")
     if post and Path(source).exists():

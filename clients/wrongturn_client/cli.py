@@ -5,6 +5,7 @@ Slow imports wait until a command needs them.
 """
 
 import os
+import re
 import signal
 import sys
 from pathlib import Path
@@ -19,6 +20,10 @@ from wrongturn_client.replay_cli import replay
 from wrongturn_client.submit_cli import submissions, submit
 from wrongturn_client.watch_cli import watch
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json
+
+_USAGE = 2
+_OF_USAGE = re.compile(r"(--[a-z-]+|[A-Z]+)((, | and )(--[a-z-]+|[A-Z]+))*: ")
+"""The beginning of an error about what the user typed."""
 
 app = typer.Typer(
     name="wrongturn",
@@ -181,8 +186,16 @@ def _terminated(_signal: int, _frame: object) -> None:
     sys.exit(128 + signal.SIGTERM)
 
 
+def _told(error: Exception) -> str:
+    """Return an error's text; where a service misses a token, it speaks of headers, which this program sends."""
+    text = str(error)
+    if not text.startswith(("this call needs a token", "nobody has this token")):
+        return text
+    return f"{text.partition(':')[0]}; set WRONGTURN_TOKEN, or the variable that the command's --help names"
+
+
 def main() -> None:
-    """Run the program. Expected errors are one line on stderr, with exit status 1."""
+    """Run the program. Expected errors are one line on stderr; status 2 if it begins with an option or argument."""
     signal.signal(signal.SIGTERM, _terminated)
     try:
         app(prog_name="wrongturn")
@@ -194,8 +207,8 @@ def main() -> None:
         # The errors of our packages are written for users. Any other error is a bug and keeps its traceback.
         if not type(error).__module__.startswith("wrongturn_"):
             raise
-        typer.echo(f"wrongturn: {error}", err=True)
-        sys.exit(1)
+        typer.echo(f"wrongturn: {_told(error)}", err=True)
+        sys.exit(_USAGE if _OF_USAGE.match(str(error)) else 1)
 
 
 if __name__ == "__main__":

@@ -68,6 +68,8 @@ class Shelf(Generic[_T]):
         Never give it what comes from a stranger. Raises NetworkError for a path that cannot be used.
         """
         path = Path(text).expanduser()
+        if (os.sep in text or path.suffix == ".json") and not path.exists():
+            raise NetworkError(f"{text}: there is no such file or folder; correct its path")
         if text in {*self._shipped, *self._others} or not (os.sep in text or path.exists()):
             return text
         path = path.resolve()

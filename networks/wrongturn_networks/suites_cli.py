@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from wrongturn_networks.errors import NetworkError
-from wrongturn_networks.faults import faults_at
+from wrongturn_networks.faults import available_faults, faults_at
 from wrongturn_networks.loading import load_town, town_named
 from wrongturn_networks.making.writing_suites import write_suite
 from wrongturn_networks.suites import load_suite, shelf, suite_named
@@ -85,7 +85,7 @@ def _parsed(text: str) -> tuple[Fault, JunctionType | None, int]:
     match = _CELL.fullmatch(text)
     if match is None:
         raise NetworkError(f"--cells: {text!r} is no cell; write FAULT[=DOSE][@TYPE][*NUMBER], as late=8@LEFT_RIGHT*10")
-    for what, given, known in (("fault", match["kind"], FaultKind), ("type", match["type"], JunctionType)):
+    for what, given, known in (("fault", match["kind"], available_faults()), ("type", match["type"], JunctionType)):
         if given is not None and given not in {one.value for one in known}:
             raise NetworkError(
                 f"--cells: {given!r} is no {what}; there are: {', '.join(known)}{did_you_mean(given, tuple(known))}"

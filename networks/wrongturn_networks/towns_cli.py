@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from wrongturn_networks.drawn import make_town
-from wrongturn_networks.errors import ImportTownError
+from wrongturn_networks.errors import ImportTownError, NetworkError
 from wrongturn_networks.loading import read_town
 from wrongturn_networks.town import Town
 from wrongturn_protocol.home import home
@@ -97,6 +97,8 @@ def check(
     from wrongturn_networks.making.importing import check_folder  # noqa: PLC0415 - it starts netconvert
 
     check_json_file(json_to)
+    if not folder.is_dir():
+        raise NetworkError(f"FOLDER: {folder} is no folder; name the one that holds the town's .net.xml")
     flaws = check_folder(folder.resolve())
     if give_json({"town": folder.resolve().name, "flaws": flaws}, json_to):
         typer.echo("\n".join(flaws) if flaws else "\n".join([*_lines(read_town(folder.resolve())), "It is a town."]))

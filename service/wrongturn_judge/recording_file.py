@@ -23,7 +23,8 @@ def judge_file(file: Path) -> tuple[Judgement, Trajectory]:
         with file.open("rb") as stream:
             text = stream.read(_MOST_BYTES).decode("utf-8-sig").strip()
     except (OSError, UnicodeDecodeError) as error:
-        raise RecordingError("file", f"cannot be read ({error}); {_REMEDY}") from error
+        why = error.strerror if isinstance(error, OSError) else "it is no text"
+        raise RecordingError("file", f"cannot be read ({why}); {_REMEDY}") from error
     if not 0 < len(text) < _MOST_BYTES:
         raise RecordingError("file", f"is empty, or larger than {_MOST_BYTES >> 20} MiB; {_REMEDY}, thinned to 20 Hz")
     lines: dict[str | int, int] = {}

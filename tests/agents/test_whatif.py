@@ -195,7 +195,7 @@ def test_the_command(run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
     said = whatif("--episode", trial, "--command", "ROUTE", "--at", f"{last + 0.1:.1f}")
     assert f"ROUTE from {last + 0.1:.1f} s on: off road" in said or "collision" in said
     for words, why in (
-        (["--command", "LEFT"], "--command, --at: go together"),
+        (["--command", "LEFT"], "--command, --at: give both"),
         (["--sweep", "--at", "1"], "--sweep: give it alone"),
         (["--all", "--command", "LEFT", "--at", "1"], "--all: needs --sweep"),
         (["--sweep", "--post"], "--post: an EPISODE of a service"),

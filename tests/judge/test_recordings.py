@@ -124,7 +124,7 @@ def test_a_drive_that_ends_too_early_is_undecided(rows: int, most: float) -> Non
 
 BROKEN = {
     "empty": ("", "", "file: is empty"),
-    "binary": ("# town", "\udcff\udcfe\x00", "file: cannot be read ('utf-8'"),
+    "binary": ("# town", "\udcff\udcfe\x00", "file: cannot be read (it is no text)"),
     "no town": ("# town: Town01\n", "", "town: missing; give a town's name"),
     "unknown town": ("Town01", "Town99", "town: 'Town99' is not known; there are"),
     "unknown approach": ("J3-S", "J3-X", "approach: 'J3-X' is not known; there are"),

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Self
 
 from wrongturn_agents.training.errors import TrainingError
+from wrongturn_protocol.suggestions import did_you_mean
 
 SHARE: Final = (0.0, 1.0)
 """Range of a share."""
@@ -72,7 +73,8 @@ class Settings:
         for option in options:
             name, equals, text = option.partition("=")
             if not equals or name not in names:
-                raise TrainingError(f"option {option!r}: give name=value with one of {', '.join(names)}")
+                meant = did_you_mean(name, names)
+                raise TrainingError(f"--option: {option!r}: give name=value with one of {', '.join(names)}{meant}")
             changed[name] = _parsed(name, text, type(getattr(self, name)))
         return dataclasses.replace(self, **changed)
 

@@ -55,12 +55,12 @@ def seeds_of(text: str) -> list[int]:
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
         if not (first.isdecimal() and (last.isdecimal() if dash else True)):
-            raise TrainingError(f"seeds: {text!r} names no seeds; give a range or a list, such as 1-5 or 1,3,5")
+            raise TrainingError(f"--seeds: {text!r} names no seeds; give a range or a list, such as 1-5 or 1,3,5")
         if dash and int(last) < int(first):
-            raise TrainingError(f"seeds: {text!r} runs backwards; give the smaller seed first, such as 1-5")
+            raise TrainingError(f"--seeds: {text!r} runs backwards; give the smaller seed first, such as 1-5")
         seeds.extend(range(int(first), min(int(last) if dash else int(first), int(first) + _MOST) + 1))
     if not 0 < len(seeds) <= _MOST or len({*seeds}) < len(seeds):
-        raise TrainingError(f"seeds: {text!r} names {len(seeds)} or one of them twice; give 1 to {_MOST}, each once")
+        raise TrainingError(f"--seeds: {text!r} names {len(seeds)} or one of them twice; give 1 to {_MOST}, each once")
     return seeds
 
 

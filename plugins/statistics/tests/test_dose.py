@@ -144,10 +144,14 @@ def test_the_command(tmp_path: Path) -> None:
     assert "steering_gain" in dose("--fault", "steering_gain", "--trials", "4")
     for words, why in (
         ((*late, "--seed", "1", "--json", str(file)), "is of another run"),
-        (("--fault", "omission"), "--fault: omission has no dose"),
         (("--fault", "noise"), "--fault: agents of the track privileged do not notice noise"),
         (("--fault", "late", "--low", "0.1"), "--low: is 0.1; give how much too late it comes, 1 to 30 m"),
         (("--fault", "late", "--low", "5", "--high", "5"), "--low: is 5, and --high is 5"),
         (("--fault", "early", "--town", "Town02", "--type", "LEFT_RIGHT"), "narrow --low and --high"),
     ):
         assert why in dose(*words, code=1), words
+    # Only what has a dose is offered, and nothing that is not installed.
+    for fault in ("omission", "custom", "lat"):
+        said = dose("--fault", fault, code=2)
+        assert f"--fault: '{fault}' is no fault with a dose; take one of early, late, " in said
+        assert not {"infeasible", "none"} & set(said.replace(",", "").split())

@@ -11,13 +11,28 @@ from rich.table import Table
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import resolve, with_absolute_file
 from wrongturn_client.tables import console, plain_table
+from wrongturn_networks.faults import available_faults, fault_class
 from wrongturn_networks.loading import town_named
 from wrongturn_protocol import PAPER_TYPES, FaultKind, JunctionType
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, write_json
+from wrongturn_protocol.suggestions import did_you_mean
 from wrongturn_protocol.trial_options import DEFAULT_TOWN
 from wrongturn_statistics.dose_file import DoseFile
 
 _MOST: Final = 2000
+
+
+_DOSED: Final = tuple(kind for kind in available_faults() if fault_class(kind).dose is not None)
+"""The faults that have a dose."""
+
+
+def _dosed(text: str) -> str:
+    """Return the name of a fault. Raises BadParameter unless it has a dose."""
+    if text not in _DOSED:
+        raise typer.BadParameter(
+            f"{text!r} is no fault with a dose; take one of {', '.join(_DOSED)}{did_you_mean(text, _DOSED)}"
+        )
+    return text
 
 
 def dose(
@@ -25,7 +40,14 @@ def dose(
         str, typer.Argument(metavar="AGENT", help="The agent, as 'wrongturn run' takes it. Example: ppo-segmentation")
     ],
     *,
-    fault: Annotated[FaultKind, typer.Option(help="The fault or disturbance; it needs a dose. Example: --fault late")],
+    fault: Annotated[
+        str,  # an enumeration would offer all faults where the option is missing
+        typer.Option(
+            parser=_dosed,
+            metavar=f"[{'|'.join(_DOSED)}]",
+            help="The fault or disturbance whose dose to find. Example: --fault late",
+        ),
+    ],
     trials: Annotated[int, typer.Option(min=1, max=_MOST, help="Trials to drive in all. Example: --trials 120")] = 60,
     low: Annotated[
         float | None, typer.Option(help="Smallest dose; by default the fault's own. Example: --low 5")
@@ -59,19 +81,20 @@ def dose(
     source = resolve(agent)
     from wrongturn_statistics import dose_run as core  # noqa: PLC0415 - slow: it drives
 
-    asked = core.dose_of(fault, low, high, source.track)
+    kind = FaultKind(fault)
+    asked = core.dose_of(kind, low, high, source.track)
     aside = json_to == STDOUT
     file = None if aside else json_to
     begun = DoseFile(
         agent=source.name,
-        fault=fault,
+        fault=kind,
         low=asked.low,
         high=asked.high,
         unit=asked.unit,
         towns=tuple(dict.fromkeys(map(town_named, towns or (DEFAULT_TOWN,)))),
         types=tuple(dict.fromkeys(types or PAPER_TYPES)),
         seed=seed,
-        counted=core.counted_by(fault),
+        counted=core.counted_by(kind),
     ).resumed(file)
     run = core.DoseRun(with_absolute_file(agent), str(Path.cwd()), asked, begun)
     with show_progress(progress, source.name) as update:

@@ -95,10 +95,11 @@ async def agent(
     assert row.metrics is not None
     metrics = Metrics.model_validate_json(row.metrics)
     faults = _worst_first(metrics)
+    choices = _choices(driven.pairs)
     filters = {
-        "verdict": _choice("verdict", verdict, [_UNSAFE, *Verdict]),
-        "fault": _choice("fault", fault, FaultKind),
-        "junction": _choice("junction", junction, JunctionType),
+        "verdict": _choice("verdict", verdict, [_UNSAFE, *Verdict], [_UNSAFE, *choices["verdict"]]),
+        "fault": _choice("fault", fault, FaultKind, choices["fault"]),
+        "junction": _choice("junction", junction, JunctionType, choices["junction"]),
     }
     pairs = [pair for pair in driven.pairs if _passes(pair, filters)]
     return await asyncio.to_thread(
@@ -116,7 +117,7 @@ async def agent(
         driven=driven,
         verdicts=[verdict for verdict in Verdict if any(counts.get(verdict) for counts in metrics.verdicts.values())],
         filters=filters,
-        choices=_choices(driven.pairs),
+        choices=choices,
         pairs=pairs,
         unsafe=[pair for pair in pairs if words.side(pair.trial.outcome) is Safety.UNSAFE],
         map=junction_map,
@@ -173,9 +174,10 @@ def _table(metrics: Metrics, faults: Sequence[str]) -> list[tuple[str, list[Tabl
     return [*rows, ("all", total)]
 
 
-def _choice(field: str, value: str, allowed: Iterable[str]) -> str:
+def _choice(field: str, value: str, allowed: Iterable[str], there: Iterable[str]) -> str:
+    """Return a filter's value, which need not fit any trial. Raises InvalidRequestError, with those that do."""
     if value and value not in set(allowed):
-        raise InvalidRequestError(field, f"is not one of {', '.join(allowed)}")
+        raise InvalidRequestError(field, f"is not one of {', '.join(there)}")
     return value
 
 
