@@ -38,6 +38,11 @@ def store(file: Path) -> Path:
     try:
         run = UnseenResults.of(RunFile.read(file))
         path, text = FOLDER / f"{run.agent}.{run.suite}.json", run.model_dump_json()
+        if run.suite == DISTURBED:
+            parts, twins = run.metrics.breakdown or {}, run.metrics.twins
+            doses = {level: [count.count, count.trials] for level, count in parts["dose"].items()}
+            stored = {"suite_sha256": run.suite_sha256, "secret": run.secret, "twins": [twins.completed, twins.trials]}
+            text = json.dumps({**stored, "doses": doses})
     except RunFormatError:
         results = ResultsFile.read(file)
         path = FOLDER / f"{results.agent}.{results.suite}.json"
@@ -105,7 +110,11 @@ def doses_table() -> Table:
     levels = list(next(iter(found.values()))["doses"])
     rows = [(name(level), *("{}/{}".format(*found[agent]["doses"][level]) for agent in agents)) for level in levels]
     rows.append(("twins completed", *("{}/{}".format(*found[agent]["twins"]) for agent in agents)))
-    note = "Unsafe trials in the strict column, in process on the open draw; the commands are right."
+    drawn = ", ".join(agent for agent in agents if "secret" in found[agent])
+    note = (
+        "Unsafe trials in the strict column; the commands are right. By a service, each on a draw of its own: "
+        f"{drawn}. The others in process on the open draw."
+    )
     return Table("Unsafe trials by disturbance and dose", ("disturbance", *map(label, agents)), rows, note, words=1)
 
 
