@@ -39,8 +39,8 @@ def store(file: Path) -> Path:
         run = UnseenResults.of(RunFile.read(file))
         path, text = FOLDER / f"{run.agent}.{run.suite}.json", run.model_dump_json()
         if run.suite == DISTURBED:
-            parts, twins = run.metrics.breakdown or {}, run.metrics.twins
-            doses = {level: [count.count, count.trials] for level, count in parts["dose"].items()}
+            by_dose, twins = (run.metrics.breakdown or {})["dose"], run.metrics.twins
+            doses = {level: [count.count, count.trials] for level, count in by_dose.items()}
             stored = {"suite_sha256": run.suite_sha256, "secret": run.secret, "twins": [twins.completed, twins.trials]}
             text = json.dumps({**stored, "doses": doses})
     except RunFormatError:
