@@ -1,5 +1,6 @@
 """OpenEnv's own client against ``wrongturn openenv`` before a real service."""
 
+import asyncio
 import importlib
 import importlib.util
 import json
@@ -10,7 +11,9 @@ import venv
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
+import httpx
 import pytest
 
 from wrongturn_client import LocalService
@@ -89,3 +92,49 @@ def test_all_of_openenv_core_accepts_the_server(server: str, tmp_path: Path) -> 
     validate = [tmp_path / "bin/openenv", "validate", server]
     report = subprocess.run(validate, check=True, capture_output=True, text=True).stdout
     assert json.loads(report)["passed"], report
+
+
+def test_a_client_of_mcp_drives_an_episode_by_tools(openenv: ModuleType, server: str) -> None:
+    stub = ModuleType("openenv.core.env_server")
+    stub.__path__ = [str(Path(sys.modules["openenv.core"].__path__[0], "env_server"))]
+    sys.modules.setdefault("openenv.core.env_server", stub)
+    client = importlib.import_module("openenv.core.mcp_client").MCPToolClient
+
+    async def drive() -> dict[str, Any]:
+        env = client(base_url=server)
+        env.use_production_mode = True  # else it sends its calls as steps over /ws
+        assert [tool.name for tool in await env.list_tools()] == ["begin_episode", "drive", "look_up"]
+        begun = await env.call_tool("begin_episode", seed=7, town="Town02", fault="omission")
+        assert begun["structuredContent"]["observation"]["speed"] > 0
+        done = False
+        while not done:
+            done = (await env.call_tool("drive", **GAS))["structuredContent"]["done"]
+        told = (await env.call_tool("look_up"))["structuredContent"]
+        with pytest.raises(RuntimeError, match=r"there is no tool 'fly'; there are begin_episode, drive, look_up"):
+            await env.call_tool("fly")
+        await env.close()
+        return told
+
+    assert asyncio.run(drive())["verdict"] is not None
+
+
+def test_plain_mcp_over_http(server: str) -> None:
+    def call(method: str, **params: Any) -> dict[str, Any]:
+        body = {"jsonrpc": "2.0", "id": 1, "method": method, "params": params}
+        answer = httpx.post(f"{server}/mcp", json=body, timeout=60).json()
+        assert (answer["jsonrpc"], answer["id"]) == ("2.0", 1)
+        return answer
+
+    assert call("initialize", protocolVersion="2025-06-18")["result"]["capabilities"] == {"tools": {}}
+    ready = {"jsonrpc": "2.0", "method": "notifications/initialized"}
+    assert httpx.post(f"{server}/mcp", json=ready, timeout=60).status_code == 202
+    early = call(
+        "tools/call", name="drive", arguments=GAS, session_id=call("openenv/session/create")["result"]["session_id"]
+    )
+    assert early["result"]["isError"]
+    assert "call reset" in early["result"]["content"][0]["text"]
+    refused = call("tools/call", name="drive", arguments={"steer": 2})["error"]
+    assert (refused["code"], "steer" in refused["message"]) == (-32602, True)
+    assert call("tools/call", name="begin_episode", arguments={"town": "nowhere"})["result"]["isError"]
+    assert call("fly")["error"]["code"] == -32601
+    assert httpx.post(f"{server}/mcp", content="{", timeout=60).json()["error"]["code"] == -32600

@@ -10,9 +10,10 @@ from functools import partial
 from importlib.metadata import version
 from typing import Any, Final, TypeVar
 
-from fastapi import FastAPI, HTTPException, WebSocket, WebSocketDisconnect
+from fastapi import FastAPI, HTTPException, Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
 
+from wrongturn_openenv.mcp import Mcp
 from wrongturn_openenv.messages import (
     ErrorCode,
     RefusedError,
@@ -34,7 +35,6 @@ STOP_S: Final = 0.5
 _TRY_AGAIN: Final = 1013
 """The WebSocket's code for a server that is full."""
 _DESCRIPTION: Final = "Drive towns whose navigation command may be wrong: steer, throttle and brake, 10 times a second."
-_NO_TOOLS: Final = {"code": -32601, "message": "this environment has no tools; use reset, step and state"}
 _STATUSES: Final = {ErrorCode.VALIDATION_ERROR: 422, ErrorCode.EXECUTION_ERROR: 409}
 
 
@@ -54,6 +54,7 @@ class OpenEnvServer:
         self._http = asyncio.Lock()
         self._calls: set[asyncio.Future[Any]] = set()
         self._stopped = False
+        self.mcp = Mcp(service, self._by_http, sessions, self.in_thread)
 
     async def in_thread(self, function: Callable[[], T]) -> T:
         """Run a function that waits for the service in a thread; raise RefusedError if the server stops meanwhile."""
@@ -116,7 +117,9 @@ class OpenEnvServer:
             call.cancel()
 
     async def close(self) -> None:
-        """End the session of the HTTP calls. The others end with their connections."""
+        """End the sessions of HTTP calls and of MCP. The others end with their connections."""
+        with contextlib.suppress(RefusedError):
+            await self.mcp.close()
         await _end(self._by_http)
 
 
@@ -176,10 +179,15 @@ def create_app(service: Service, sessions: int) -> FastAPI:
         """Return the state of that episode."""
         return await server.by_http(lambda session: session.state)
 
-    @app.post("/mcp")
-    async def mcp() -> dict[str, Any]:
-        """Say that there are no tools."""
-        return {"jsonrpc": "2.0", "id": None, "error": _NO_TOOLS}
+    @app.post("/mcp", response_model=None)
+    async def mcp(request: Request) -> Response:
+        """Answer a call of MCP: its tools begin and drive episodes."""
+        try:
+            call = await request.json()
+        except ValueError:
+            call = None
+        answer = await server.mcp.answer(call)
+        return Response(status_code=202) if answer is None else JSONResponse(answer)
 
     return app
 
