@@ -24,14 +24,21 @@ NAVSIM = (Command.LEFT, Command.STRAIGHT, Command.RIGHT, Command.VOID)
 CARLA = (Command.LEFT, Command.RIGHT, Command.STRAIGHT, Command.LANE_FOLLOW)
 """Order of CARLA's numbers from 1 on; TransFuser and TCP append the two lane changes, which no fault delivers."""
 
+OPENPILOT = (Command.LANE_FOLLOW, Command.LEFT, Command.RIGHT)
+"""openpilot's desires: none, turn left, turn right. Five more follow (``length=8``), which no fault delivers."""
+
 
 def one_hot(command: int, order: Sequence[int], length: int | None = None) -> list[float]:
     """Return a command as a one-hot vector in an order, with zeros behind it up to a length.
 
-    In an order without LANE_FOLLOW it is written as STRAIGHT, and in one without VOID as LANE_FOLLOW. Raises ValueError
-    if the order has neither.
+    In an order without LANE_FOLLOW it is written as STRAIGHT, and in one without STRAIGHT or VOID these are written as
+    LANE_FOLLOW. Raises ValueError if the order has neither.
     """
-    stand_ins = {Command.LANE_FOLLOW: Command.STRAIGHT, Command.VOID: Command.LANE_FOLLOW}
+    stand_ins = {
+        Command.LANE_FOLLOW: Command.STRAIGHT,
+        Command.STRAIGHT: Command.LANE_FOLLOW,
+        Command.VOID: Command.LANE_FOLLOW,
+    }
     meant = command if command in order else stand_ins.get(Command(command), command)
     if meant not in order:
         raise ValueError(f"command: {Command(command).name} has no place in the order {[int(one) for one in order]}")
