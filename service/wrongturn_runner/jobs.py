@@ -6,17 +6,15 @@ from typing import Final
 from wrongturn_client import Client, WrongturnError
 from wrongturn_protocol import EvaluationState, PracticeRequest
 from wrongturn_protocol.observations import observation_space
+from wrongturn_runner import SANDBOXES, pace
 from wrongturn_runner.conversation import Conversation, RunnerFailedError
 from wrongturn_runner.messages import PRACTICE, CheckJob, Described, DriveJob, Driven, Passed, Progressed
 from wrongturn_runner.model import EpisodePolicy, sandboxed_model
-from wrongturn_runner.pace import CHECK_DEADLINE_S, CHECK_STEP_S, DRIVE_DEADLINE_S, DRIVE_STEP_S, Pace
 
 STEPS: Final = 6
 """Steps of practice."""
 EPISODES: Final = 2
 """Episodes at a time. A submission gets about two processors, as ``WRONGTURN_SUBMISSIONS`` has it by default."""
-SANDBOXES: Final = 2
-"""Sandboxes of a submission, so that two episodes do not wait for each other."""
 
 
 def check(job: CheckJob, conversation: Conversation) -> Passed:
@@ -24,8 +22,10 @@ def check(job: CheckJob, conversation: Conversation) -> Passed:
 
     Raises ModelAtFaultError, RunnerFailedError, and WrongturnError if the service refuses or cannot be reached.
     """
-    pace = Pace(CHECK_STEP_S, STEPS)
-    with sandboxed_model(job, step_s=CHECK_DEADLINE_S, tracks=job.tracks, agent_track=job.agent_track) as model:
+    kept = pace.Pace(pace.CHECK_STEP_S, STEPS)
+    with sandboxed_model(
+        job, step_s=pace.CHECK_DEADLINE_S, life_s=pace.CHECK_LIFE_S, tracks=job.tracks, agent_track=job.agent_track
+    ) as model:
         conversation.tell(
             Described(
                 track=model.contract.track,
@@ -35,10 +35,10 @@ def check(job: CheckJob, conversation: Conversation) -> Passed:
             )
         )
         practice = conversation.read(PRACTICE)
-        with Client(job.url, practice.token) as client:
+        with Client(job.url, practice.token, timeout=pace.REPLY_S, patience=pace.PATIENCE_S) as client:
             begun = client.practise(PracticeRequest(suite=practice.suite, trial=practice.trial))
             try:
-                policy = EpisodePolicy(model, pace)
+                policy = EpisodePolicy(model, kept)
                 policy.reset(observation_space(model.contract.track))
                 observation = begun.observation
                 for seq in range(1, STEPS + 1):
@@ -50,7 +50,7 @@ def check(job: CheckJob, conversation: Conversation) -> Passed:
                 # Otherwise it keeps a simulator from others until its lease ends.
                 with contextlib.suppress(WrongturnError):
                     client.abort_episode(begun.id)
-    return Passed(step_ms=tuple(round(seconds * 1000, 2) for seconds in pace.steps_s))
+    return Passed(step_ms=tuple(round(seconds * 1000, 2) for seconds in kept.steps_s))
 
 
 def drive(job: DriveJob, conversation: Conversation) -> Driven:
@@ -60,14 +60,14 @@ def drive(job: DriveJob, conversation: Conversation) -> Driven:
     :func:`check`, and RunnerFailedError if the evaluation cannot be finished.
     """
     with (
-        sandboxed_model(job, step_s=DRIVE_DEADLINE_S, sandboxes=SANDBOXES) as model,
-        Client(job.url, job.token) as client,
+        sandboxed_model(job, step_s=pace.DRIVE_DEADLINE_S, life_s=pace.DRIVE_LIFE_S, sandboxes=SANDBOXES) as model,
+        Client(job.url, job.token, timeout=pace.REPLY_S, patience=pace.PATIENCE_S) as client,
     ):
         if model.contract.state_shape is not None and client.open_episodes(job.evaluation):
             raise RunnerFailedError("an episode is open that another runner began, and its state is gone")
-        pace = Pace(DRIVE_STEP_S)
+        kept = pace.Pace(pace.DRIVE_STEP_S)
         evaluation = client.evaluate(
-            lambda: EpisodePolicy(model, pace),
+            lambda: EpisodePolicy(model, kept),
             job.suite,
             evaluation=job.evaluation,
             parallel=EPISODES,

@@ -91,19 +91,20 @@ def sandboxed_model(
     job: Job,
     *,
     step_s: float,
+    life_s: float,
     tracks: Collection[Track] | None = None,
     agent_track: Track | None = None,
     sandboxes: int = 1,
 ) -> Iterator[SandboxedModel]:
     """Load a job's model in sandboxes for the ``with`` block.
 
-    A step takes at most ``step_s``. The model drives in one of ``tracks``, and as an agent of ``agent_track`` if there
-    is one. It can take as many steps at a time as it has sandboxes, fewer if no more are free. Raises
-    ModelAtFaultError if its sandbox refuses it or it breaks the contract, RunnerFailedError if the file is damaged or
-    there is no sandbox.
+    A step takes at most ``step_s``, and each sandbox at most ``life_s`` of processor time. The model drives in one of
+    ``tracks``, and as an agent of ``agent_track`` if there is one. It can take as many steps at a time as it has
+    sandboxes, fewer if no more are free. Raises ModelAtFaultError if its sandbox refuses it or it breaks the contract,
+    RunnerFailedError if the file is damaged or there is no sandbox.
     """
     data = _read(job.model, job.sha256)
-    limits = Limits(memory=job.memory, load_s=LOAD_S, step_s=step_s, gpu=job.gpu)
+    limits = Limits(memory=job.memory, load_s=LOAD_S, step_s=step_s, life_s=life_s, gpu=job.gpu)
     with contextlib.ExitStack() as stack:
         with _explained():
             loaded = [stack.enter_context(_first_sandbox(job.socket, limits))]

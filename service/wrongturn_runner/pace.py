@@ -11,6 +11,14 @@ CHECK_DEADLINE_S: Final = 2.0
 """Longest step of a check, seconds, so that a model which hangs is refused soon."""
 DRIVE_DEADLINE_S: Final = 10.0
 """Longest step of a drive, seconds. A machine that hangs for a while must cost no evaluation."""
+CHECK_LIFE_S: Final = 60.0
+"""Processor time of a sandbox in a check, seconds."""
+DRIVE_LIFE_S: Final = 7 * 86400.0
+"""The same in a drive: as long as an evaluation may take by default."""
+PATIENCE_S: Final = 1800.0
+"""Seconds for which a runner repeats a call, such as a reset while all simulators are busy."""
+REPLY_S: Final = 120.0
+"""Seconds for which a runner waits for a reply. A reset may load a town, or start a simulator more than once."""
 CHECK_STEP_S: Final = 0.5
 """Seconds that a step of the check may take on average.
 

@@ -10,6 +10,8 @@ from wrongturn_sandbox.errors import SandboxUnavailableError
 from wrongturn_sandbox.gpu import cuda_libraries, devices, driver_libraries
 from wrongturn_sandbox.libraries import interpreter, packages, shared_libraries, standard_library
 
+EXPENDABLE: Final = ("/bin/sh", "-c", 'echo 800 2>/dev/null >/proc/self/oom_score_adj; exec "$@"', "sh")
+"""Begin of a command line whose process the kernel ends before others if memory runs out."""
 _LIBRARIES: Final = "/libraries"
 _PACKAGES: Final = "/packages"
 _PYTHON: Final = "/python"
@@ -100,7 +102,7 @@ class Bubblewrap:
     def __init__(self, *, gpu: bool = False) -> None:
         mine, theirs = socket.socketpair()
         try:
-            line = command(["-m", "wrongturn_sandbox", "--guest", str(theirs.fileno())], gpu=gpu)
+            line = [*EXPENDABLE, *command(["-m", "wrongturn_sandbox", "--guest", str(theirs.fileno())], gpu=gpu)]
             self._process = subprocess.Popen(  # noqa: S603 - the command is our own
                 line,
                 stdin=subprocess.DEVNULL,

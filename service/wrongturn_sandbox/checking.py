@@ -29,6 +29,8 @@ _TYPES_OF: Final = {
     4: ("INT32", "UINT32", "FLOAT"),
     8: ("INT64", "UINT64", "DOUBLE"),
 }
+_TYPED: Final = frozenset({"to", "dtype", "output_dtype", "stash_type", "softmax_precision"})
+"""Attributes that name a type of elements."""
 _ITEM_BYTES: Final = {TensorProto.DataType.Value(name): size for size, names in _TYPES_OF.items() for name in names}
 """Bytes of one element, for each type that is allowed."""
 
@@ -47,6 +49,9 @@ def check(content: bytes | bytearray) -> ModelProto:
     )
     _require(not len(model.training_info), "the model holds training information; export it for inference")
     entries = model.metadata_props
+    # Text that is not UTF-8 is read as bytes.
+    texts = all(isinstance(text, str) for entry in entries for text in (entry.key, entry.value))
+    _require(texts, "metadata_props: a key or value is not UTF-8; write the metadata as UTF-8")
     length = len(model.doc_string) + sum(len(entry.key) + len(entry.value) for entry in entries)
     _require(
         len(entries) <= rules.METADATA_MOST and length <= rules.METADATA_LENGTH_MOST,
@@ -143,6 +148,7 @@ def _check_values(graph: GraphProto, constants: set[str]) -> None:
         tensor = value.type.tensor_type
         _check_type(tensor.elem_type, where)
         _check_dimensions([dimension.dim_value for dimension in tensor.shape.dim], most, where, free=True)
+        _check_names([dimension.dim_param for dimension in tensor.shape.dim], f"{where}: the dim_param")
 
 
 def _check_node(node: NodeProto) -> tuple[int, int]:
@@ -174,9 +180,11 @@ def _check_attribute(attribute: AttributeProto, where: str) -> tuple[int, int]:
     plain = not attribute.ref_attr_name and attribute.type in _NUMBERS
     sparse = attribute.HasField("sparse_tensor") or len(attribute.sparse_tensors)
     _require(plain and not sparse and not attribute.HasField("tp"), f"{here} has a type that is not allowed")
+    _check_names([attribute.name], f"{where}: the attribute")
     text = attribute.name in {"value_string", "value_strings"}
-    text = text or (attribute.name == "to" and attribute.i == TensorProto.STRING)
     _require(not text, f"{where}: string tensors are not allowed")
+    if attribute.name in _TYPED and (attribute.i or attribute.name in {"to", "dtype"}):  # 0 is that of the inputs
+        _check_type(attribute.i, here)
     length = max(
         len(attribute.ints), len(attribute.floats), len(attribute.s), sum(len(words) + 1 for words in attribute.strings)
     )
@@ -211,7 +219,8 @@ def _check_tensor(tensor: TensorProto, where: str) -> int:
 
 def _check_type(code: int, where: str) -> None:
     _require(code != TensorProto.STRING, f"{where}: string tensors are not allowed")
-    _require(code in _ITEM_BYTES, f"{where}: elements of type {code} are not allowed; use ordinary numbers")
+    name = TensorProto.DataType.Name(code) if code in TensorProto.DataType.values() else code
+    _require(code in _ITEM_BYTES, f"{where}: elements of type {name} are not allowed; use ordinary numbers")
 
 
 def _check_dimensions(lengths: Sequence[int], most: int, where: str, *, free: bool = False) -> int:
@@ -245,11 +254,12 @@ def _check_order(graph: GraphProto, constants: set[str]) -> None:
         _require(value.name in known, f"output {_shown(value.name)}: no node makes it")
 
 
-def _check_names(names: Iterable[str]) -> None:
+def _check_names(names: Iterable[str], what: str = "the name") -> None:
     for name in names:
+        _require(isinstance(name, str), f"{what} {_shown(name)} is not UTF-8; give it another")
         if len(name) > rules.NAME_MOST or not name.isprintable():
             raise ModelRefusedError(
-                f"the name {_shown(name)} is too long or not printable; use at most {rules.NAME_MOST} characters"
+                f"{what} {_shown(name)} is too long or not printable; use at most {rules.NAME_MOST} characters"
             )
 
 
@@ -264,5 +274,5 @@ def _require_most(found: int, most: int, where: str, what: str) -> None:
 
 
 def _shown(name: Any) -> str:
-    text = str(name)
+    text = name.decode(errors="replace") if isinstance(name, bytes) else str(name)
     return repr(text if len(text) <= 64 else text[:63] + "…")

@@ -12,6 +12,7 @@ import mmap
 import os
 import resource
 import signal
+import time
 from typing import Any, Final
 
 _PR_SET_PDEATHSIG: Final = 1
@@ -32,10 +33,11 @@ _DRIVER: Final = "ioctl openat fstat newfstatat statx lseek fcntl eventfd2"
 """What CUDA's library needs as well. Of files, the sandbox has libraries and the GPU's devices."""
 
 
-def confine(*, gpu: bool = False) -> None:
+def confine(*, gpu: bool = False, life_s: float = 120.0) -> None:
     """Forbid all system calls but those of computing, new privileges, core dumps and other processes' looks.
 
-    With ``gpu`` the driver's are allowed too. Raises OSError if the kernel refuses, or libseccomp is missing.
+    With ``gpu`` the driver's are allowed too. After ``life_s`` more of processor time the kernel ends it. Raises
+    OSError if the kernel refuses, or libseccomp is missing.
     """
     filter_ = _filter(_ALLOWED + _DRIVER if gpu else _ALLOWED)
     _prctl(_PR_SET_DUMPABLE, 0)
@@ -46,6 +48,7 @@ def confine(*, gpu: bool = False) -> None:
         (resource.RLIMIT_NPROC, 0),
         (resource.RLIMIT_MEMLOCK, 0),
         (resource.RLIMIT_MSGQUEUE, 0),
+        (resource.RLIMIT_CPU, int(time.process_time() + life_s) + 2),
         (resource.RLIMIT_NOFILE, 256 if gpu else 16),
     ):
         resource.setrlimit(limit, (most, most))
@@ -61,9 +64,8 @@ def limit_memory(most: int) -> None:
 
 def limit_processor_time(seconds: float) -> None:
     """End this process by SIGXCPU once it has used so many more seconds of processor time."""
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    soft = int(used.ru_utime + used.ru_stime + seconds) + 2
-    resource.setrlimit(resource.RLIMIT_CPU, (soft, resource.RLIM_INFINITY))
+    soft, (_, hard) = int(time.process_time() + seconds) + 2, resource.getrlimit(resource.RLIMIT_CPU)
+    resource.setrlimit(resource.RLIMIT_CPU, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard))
 
 
 def end_with_parent() -> None:

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import msgpack
 
-VERSION: Final = 2
+VERSION: Final = 3
 """Number of this protocol. Host and guest must have the same."""
 MODEL_MOST: Final = 1 << 30
 """Largest model, bytes."""
@@ -19,6 +19,12 @@ CALL_MOST: Final = 16 << 20
 """Largest call of the host without a model, bytes: an observation and a state."""
 REPLY_MOST: Final = 8 << 20
 """Largest reply of a guest, bytes: the outputs of a step, or a description."""
+TEXT_MOST: Final = 1 << 20
+"""Longest text in a message, bytes."""
+ITEMS_MOST: Final = 128
+"""Most items of a list or a map in a message."""
+CONTAINERS_MOST: Final = 1024
+"""Most lists and maps in a message. Each takes a hundred bytes of memory, and may have come as one."""
 _AT_ONCE: Final = 1 << 20
 _HEADER: Final = struct.Struct("!I")
 
@@ -73,9 +79,27 @@ def packed(message: object) -> bytes:
 
 
 def unpacked(content: bytes | bytearray) -> Any:
-    """Return a message of msgpack. Raises FrameError if it is none."""
+    """Return a message of msgpack. Raises FrameError if it is none, or one that would take too much memory."""
+    containers = 0
+
+    def counted(container: Any) -> Any:
+        nonlocal containers
+        containers += 1
+        if containers > CONTAINERS_MOST:
+            raise FrameError
+        return container
+
     try:
-        return msgpack.unpackb(content, strict_map_key=True)
+        return msgpack.unpackb(
+            content,
+            strict_map_key=True,
+            object_hook=counted,
+            list_hook=counted,
+            max_str_len=TEXT_MOST,
+            max_array_len=ITEMS_MOST,
+            max_map_len=ITEMS_MOST,
+            max_ext_len=0,
+        )
     except Exception as error:  # msgpack raises many classes, ValueError and its own among them
         raise FrameError(f"no msgpack: {type(error).__name__}") from None
 

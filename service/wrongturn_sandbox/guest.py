@@ -31,14 +31,14 @@ def begin(connection: socket.socket, said: dict[str, Any]) -> None:
         words = f"host and guest speak versions {said.get('begin')} and {VERSION}; install the same version for both"
         send(connection, packed({"unavailable": words}))
         return
-    limits = Limits(said["memory"], said["load_s"], said["step_s"], said.get("gpu", False))
+    limits = Limits(said["memory"], said["load_s"], said["step_s"], said["life_s"], said.get("gpu", False))
     try:
         from wrongturn_sandbox import session  # noqa: PLC0415 - slow, and not needed for the above
 
         session.warm_up(gpu=limits.gpu)
         if not limits.gpu:  # its devices are open by now
             _close_all_but(connection.fileno())
-        confine(gpu=limits.gpu)
+        confine(gpu=limits.gpu, life_s=limits.life_s)
         limit_memory(limits.memory)
     except Exception as error:
         send(connection, packed({"unavailable": printable(f"{type(error).__name__}: {error}")}))

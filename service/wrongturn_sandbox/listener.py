@@ -16,7 +16,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Final, NoReturn
 
-from wrongturn_sandbox.bubblewrap import environment
+from wrongturn_sandbox.bubblewrap import EXPENDABLE, environment
 from wrongturn_sandbox.frames import packed, send
 
 GUEST: Final = (sys.executable, "-s", "-P", "-m", "wrongturn_sandbox", "--guest")
@@ -74,7 +74,7 @@ class Listener:
         """Start a guest, and end it when its host leaves. Return what the host is told at the end."""
         try:
             process = subprocess.Popen(  # noqa: S603 - the command is our own
-                [*self._command, str(connection.fileno())],
+                [*EXPENDABLE, *self._command, str(connection.fileno())],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 pass_fds=(connection.fileno(),),

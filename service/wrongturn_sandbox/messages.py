@@ -42,6 +42,8 @@ class Limits:
     """Seconds to check and load the model."""
     step_s: float = 2.0
     """Seconds that a step may take."""
+    life_s: float = 120.0
+    """Seconds of processor time that the sandbox may take in all. The kernel ends it then, whatever the model does."""
     gpu: bool = False
     """Whether the model is computed on a GPU. It then reaches the GPU's driver."""
 

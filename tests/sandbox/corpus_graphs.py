@@ -93,6 +93,13 @@ GRAPHS = (
     Case("output-of-nobody", lambda: model(TAIL[:1]), "no node makes it"),
     Case("name-long", lambda: beside([node("Relu", ["speed"], ["x" * 100_000])], "x" * 100_000), "too long"),
     Case("name-unprintable", lambda: beside([node("Relu", ["speed"], ["a\x1b[2J"])], "a\x1b[2J"), "not printable"),
+    Case("name-not-utf8", lambda: model().replace(b"make_steer", b"make_\xff\xfe\xfder"), "the name 'make_"),
+    Case("metadata-not-utf8", lambda: model().replace(b"camera", b"\xff\xfemera"), "metadata_props: a key or value"),
+    Case(
+        "axis-name-long",
+        lambda: model(inputs=[helper.make_tensor_value_info("speed", FLOAT, ["N" * 1000, 1])]),
+        "input 'speed': the dim_param 'NN",
+    ),
     Case("nodes-many", lambda: beside(_chain(20_000), "v20000"), "nodes; at most"),
     Case("nodes-flood", _flood, "of memory", By.LOAD),
     Case("constants-many", lambda: model(TAIL, [number(f"c{i}", i) for i in range(25_000)]), "initialisers; at most"),

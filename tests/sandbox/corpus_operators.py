@@ -1,7 +1,7 @@
 """Models with operators that are not allowed, or whose attributes are hostile."""
 
 import onnx.parser
-from onnx import helper
+from onnx import TensorProto, helper
 from upload_models import STRING, By, Case, beside, control, field, ints, model, node, number
 
 
@@ -83,6 +83,16 @@ OPERATORS = (
     Case("picture-decoder", lambda: _one("ImageDecoder", "shape"), "not allowed"),
     Case(
         "strings-by-constant", lambda: beside([node("Constant", [], ["b"], value_strings=["a"])], "b"), "string tensors"
+    ),
+    Case("float8-by-cast", lambda: _one("Cast", to=TensorProto.FLOAT8E4M3FN), "'to': elements of type FLOAT8E4M3FN"),
+    Case("int4-by-cast", lambda: _one("Cast", to=TensorProto.INT4), "'to': elements of type INT4"),
+    Case(
+        "float8-by-eye", lambda: _one("EyeLike", dtype=TensorProto.FLOAT8E5M2), "'dtype': elements of type FLOAT8E5M2"
+    ),
+    Case(
+        "int4-by-quantisation",
+        lambda: _one("QuantizeLinear", output_dtype=TensorProto.INT4),
+        "'output_dtype': elements of type INT4",
     ),
     Case("strings-by-cast", lambda: _one("Cast", to=STRING), "string tensors"),
     Case("strings-by-operator", lambda: _one("StringNormalizer"), "not allowed"),

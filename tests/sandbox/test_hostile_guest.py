@@ -21,13 +21,13 @@ from wrongturn_sandbox import (
     SandboxUnavailableError,
     open_sandbox,
 )
-from wrongturn_sandbox.frames import packed, receive, send
+from wrongturn_sandbox.frames import VERSION, FrameError, packed, receive, send, unpacked
 
 SPEED = {"speed": np.zeros((1, 1), np.float32)}
 LIMITS = Limits(memory=1 << 30, load_s=20, step_s=2)
 FIELDS: dict[str, Any] = {"inputs": [], "outputs": [], "opset": 18, "metadata": {}, "nodes": 1, "parameters": 1}
 HONEST = {"description": FIELDS}
-READY = {"ready": 2, "runtime": "hostile"}
+READY = {"ready": VERSION, "runtime": "hostile"}
 Play = Callable[[socket.socket], object]
 
 
@@ -93,6 +93,22 @@ def test_nonsense_instead_of_a_description(tmp_path: Path, play: Play) -> None:
     with opened(tmp_path, play) as sandbox, pytest.raises(ModelRefusedError) as refused:
         sandbox.load(model())
     assert len(str(refused.value)) < 500
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        [[[] for _ in range(100)] for _ in range(100)],
+        [{}] * 2000,
+        list(range(100_000)),
+        dict.fromkeys(map(str, range(1000)), 0),
+        ["x" * (2 << 20)],
+        msgpack.ExtType(5, b"x"),
+    ],
+)
+def test_a_message_that_would_take_much_memory_is_not_unpacked(message: object) -> None:
+    with pytest.raises(FrameError):
+        unpacked(packed(message))
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import structlog
 from typing_extensions import override
 
 from wrongturn_protocol import Entry, EvaluationState, SubmissionState, Track
-from wrongturn_runner import messages
+from wrongturn_runner import messages, pace
 from wrongturn_service import catalogue
 from wrongturn_service.episodes.episodes import PATIENCE_S, Episodes
 from wrongturn_service.episodes.evaluations import RunningEvaluations, new_evaluation
@@ -35,8 +35,8 @@ _PRACTICE: Final = "smoke@3"
 """The suite that a model practises if its own needs towns."""
 _LOAD_S: Final = 60.0
 """Seconds until the model has to be described. The runner itself gives a model less; this is for runners that hang."""
-_PRACTICE_S: Final = 600.0
-"""Seconds for the practice, which may have to wait for a simulator."""
+_PRACTICE_S: Final = pace.PATIENCE_S + 300.0
+"""Seconds for the practice, which may have to wait for a simulator: a slow reset is no runner that hangs."""
 _PARTS: Final = 10
 """The log has a line for each tenth of the episodes."""
 _METRICS_PAUSE_S: Final = 5.0
