@@ -1,6 +1,6 @@
 """Messages about owners and agents."""
 
-from typing import Annotated, Final
+from typing import Annotated, Final, LiteralString
 
 from pydantic import Field, StringConstraints, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
 from pydantic_core import PydanticCustomError
@@ -15,21 +15,33 @@ NAME_RULE: Final = (
 """What a name of an agent or an owner has to be, in words."""
 
 
-def _name_in_words(name: object, check: ValidatorFunctionWrapHandler) -> str:
-    """Return a valid name. The error for another one says the rule, not the pattern."""
-    try:
-        valid: str = check(name)
-    except ValidationError as error:
-        if error.errors()[0]["type"] != "string_pattern_mismatch":
-            raise
-        raise PydanticCustomError("name", NAME_RULE) from None
-    return valid
+def _in_words(kind: LiteralString, rule: LiteralString) -> WrapValidator:
+    """Return a validator whose error for a text of another pattern says the rule, not the pattern."""
+
+    def valid(text: object, check: ValidatorFunctionWrapHandler) -> str:
+        try:
+            found: str = check(text)
+        except ValidationError as error:
+            if error.errors()[0]["type"] != "string_pattern_mismatch":
+                raise
+            raise PydanticCustomError(kind, rule) from None
+        return found
+
+    return WrapValidator(valid)
 
 
 AgentName = Annotated[
     str,
     StringConstraints(pattern=r"^[A-Za-z0-9](?:[A-Za-z0-9._ -]{0,62}[A-Za-z0-9._-])?$", strip_whitespace=True),
-    WrapValidator(_name_in_words),
+    _in_words("name", NAME_RULE),
+]
+Homepage = Annotated[
+    str,
+    StringConstraints(max_length=300, pattern=r"^https?://[^\x00/?#@\\]+([/?#][^\x00\\]*)?$"),
+    _in_words(
+        "homepage",
+        "has to be http:// or https:// and a host, without a user (user@host), a backslash and the character NUL",
+    ),
 ]
 Text = Annotated[str, StringConstraints(pattern=r"^[^\x00]*$")]
 """Text without the character NUL, which PostgreSQL does not take."""
@@ -71,7 +83,7 @@ class AgentRegistration(Message):
     name: AgentName
     track: Track
     description: Annotated[Text, Field(max_length=2000)] | None = None
-    homepage: Annotated[str, Field(max_length=300, pattern=r"^https?://[^\x00]*$")] | None = None
+    homepage: Homepage | None = None
     kind: AgentKind = AgentKind.SUBMITTED
     """Kinds other than ``submitted`` need the operator's token."""
     trained_on_faults: bool = False

@@ -33,6 +33,7 @@ class Administration:
         leaderboards: Leaderboards,
         replays: Replays,
         cache: Cache,
+        lists: Cache,
     ) -> None:
         self.rows = rows
         self._accounts = accounts
@@ -41,6 +42,7 @@ class Administration:
         self._leaderboards = leaderboards
         self._replays = replays
         self._cache = cache
+        self._lists = lists
         self._deleting = asyncio.Lock()
         self._log = structlog.get_logger("administration")
 
@@ -63,6 +65,7 @@ class Administration:
         changed = await self.rows.hide(collection, item_id, act, hidden=hidden)
         if changed:
             self._leaderboards.forget_all()
+            self._lists.clear()
             self._log.warning("hidden" if hidden else "shown again", kind=collection.one, id=item_id)
         return changed
 
@@ -106,6 +109,7 @@ class Administration:
                 return Deletion(id=item_id, name=name, deleted=Contents(), held=held)
             self._leaderboards.forget_all()
             self._cache.clear()
+            self._lists.clear()
             self._replays.clear()
             holders = {*deleted.agents, *deleted.submissions, *deleted.cancelled}
             await self._accounts.forget(holders)

@@ -1,6 +1,8 @@
-"""Cache of costly work whose results do not change, such as what pages make of finished evaluations."""
+"""Cache of costly work whose results do not change, such as what pages show, or may be a second old, such as lists."""
 
 import asyncio
+import math
+import time
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable, Hashable
 from typing import Any, Final, TypeVar
@@ -13,14 +15,20 @@ _AT_ONCE: Final = 2
 class Cache:
     """The results that were asked for last, up to a capacity: their number, or the sum of their sizes.
 
-    Only ``at_once`` are made at once, and none twice at once. A result larger than the capacity is not cached.
+    Only ``at_once`` are made at once, and none twice at once. A result larger than the capacity is not cached. With
+    ``keep_s`` none is used for longer than that.
     """
 
     def __init__(
-        self, capacity: int = _CAPACITY, at_once: int = _AT_ONCE, size: Callable[[Any], int] = lambda _: 1
+        self,
+        capacity: int = _CAPACITY,
+        at_once: int = _AT_ONCE,
+        size: Callable[[Any], int] = lambda _: 1,
+        keep_s: float = math.inf,
     ) -> None:
         self._capacity = capacity
         self._size = size
+        self._keep_s = keep_s
         self._filled = 0
         self._cleared = 0
         self._found: OrderedDict[Hashable, Any] = OrderedDict()
@@ -32,6 +40,7 @@ class Cache:
 
         The work goes on if the caller is cancelled, because others may wait for it. Costly parts belong into a thread.
         """
+        key = time.monotonic() // self._keep_s, key
         if key in self._found:
             self._found.move_to_end(key)
             found: _T = self._found[key]

@@ -201,8 +201,9 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
         remedy = "see the checks of libsumo and the kernels; if the machine was only slow, run this again"
         yield "simulators", False, str(error), "start Ray as docs/cluster.md shows" if settings.on_ray else remedy
     except check.TooLittleMemoryError as error:
-        yield "simulators", False, str(error), "lower WRONGTURN_SIMULATORS or add memory"
+        yield "simulators", False, str(error), "lower WRONGTURN_SIMULATORS or WRONGTURN_SUBMISSIONS, or add memory"
     from wrongturn_sandbox import SandboxUnavailableError, probe  # noqa: PLC0415
+    from wrongturn_service.settings import sandboxes  # noqa: PLC0415
     from wrongturn_service.submissions.availability import TURNED_OFF  # noqa: PLC0415
     from wrongturn_service.submissions.ray_sandboxes import probe_nodes  # noqa: PLC0415
 
@@ -211,7 +212,9 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
         return
     try:
         on_ray = settings.runners == "ray"
-        yield "submissions", True, f"on: {probe_nodes(settings) if on_ray else probe(settings.runner_socket)}", ""
+        found = probe_nodes(settings) if on_ray else probe(settings.runner_socket)
+        most = f"each model may take {settings.model_memory >> 20} MiB"
+        yield "submissions", True, f"on: {found}; {sandboxes(settings.submissions, None)} sandboxes, {most}", ""
     except SandboxUnavailableError as error:
         remedy = "without a sandbox the service refuses submissions; WRONGTURN_SUBMISSIONS=0 turns them off"
         yield "submissions", False, str(error), remedy

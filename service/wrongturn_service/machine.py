@@ -3,8 +3,10 @@
 A process sees its own cgroup (version 2) and those above it; each may have a limit.
 """
 
+import errno
 import os
 import re
+import shutil
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +20,10 @@ SIMULATOR_MEMORY: Final = 200 << 20
 """Memory to allow for a simulator, bytes."""
 PER_CORE: Final = 4
 """Simulators for each core."""
+SANDBOX_MEMORY: Final = 256 << 20
+"""Memory to allow for a sandbox with a model of usual size, bytes."""
+_DISK_SHARE: Final = 0.05
+"""A reserve of a disk is never more than this share of it."""
 _LEAST_SIMULATORS: Final = 16
 """Simulators on a machine of few processors: most agents think for longer than a simulator drives."""
 
@@ -50,14 +56,18 @@ class Machine:
         left = [max(1, limit - _used(group)) for group in self._groups() if (limit := _limit(group))]
         return min(filter(None, (available, *left)), default=0)
 
-    def simulators(self) -> int:
+    def simulators(self, sandboxes: int = 0) -> int:
         """Return how many simulators to run: four for each processor, at least 16, as far as the memory is enough.
 
-        The service itself and a spare simulator need memory too.
+        The service itself, a spare simulator and so many sandboxes need memory too.
         """
         wanted = max(_LEAST_SIMULATORS, PER_CORE * self.processors())
         memory = self.memory()
-        return max(1, min(wanted, (memory - _SERVICE) // SIMULATOR_MEMORY - 1)) if memory else wanted
+        return (
+            max(1, min(wanted, (memory - _SERVICE - sandboxes * SANDBOX_MEMORY) // SIMULATOR_MEMORY - 1))
+            if memory
+            else wanted
+        )
 
     def gateway(self) -> str | None:
         """Return the IPv4 address of the default gateway, which in a container is its host; None if there is none."""
@@ -79,6 +89,17 @@ class Machine:
     def _meminfo(self, name: str) -> int:
         match = re.search(rf"^{name}:\s+(\d+) kB", _read(self._proc / "meminfo") or "", re.MULTILINE)
         return 1024 * int(match[1]) if match else 0
+
+
+def check_disk(folder: Path, reserve: int, size: int = 0) -> None:
+    """Check that so many bytes more leave a reserve of a folder's disk free, or 5 % of the disk if that is less.
+
+    Raises OSError (ENOSPC).
+    """
+    disk = shutil.disk_usage(folder)
+    reserve = min(reserve, int(disk.total * _DISK_SHARE))
+    if disk.free - size < reserve:
+        raise OSError(errno.ENOSPC, f"{disk.free} bytes are free, {size} are needed, {reserve} are kept free")
 
 
 def _limit(group: Path) -> int:

@@ -24,9 +24,10 @@ from wrongturn_service.episodes.evaluations import RunningEvaluations
 from wrongturn_service.episodes.open_episode import Registry
 from wrongturn_service.episodes.queue import SimulatorQueue
 from wrongturn_service.episodes.resets import Closings, Resets
-from wrongturn_service.errors import StartupError, UnavailableError
+from wrongturn_service.errors import ServiceError, StartupError, UnavailableError
 from wrongturn_service.evaluation.leaderboards import Leaderboards
 from wrongturn_service.idempotency import Idempotency
+from wrongturn_service.machine import check_disk
 from wrongturn_service.registration import Registrations
 from wrongturn_service.replays import Replays
 from wrongturn_service.settings import Place, Settings
@@ -38,6 +39,7 @@ from wrongturn_service.socket.guards import ConnectionLimits
 from wrongturn_service.storage.administration import AdministrationStore
 from wrongturn_service.storage.database import Database
 from wrongturn_service.storage.finished import FinishedStore
+from wrongturn_service.storage.location import file_of, parse
 from wrongturn_service.storage.store import Store
 from wrongturn_service.storage.submissions import SubmissionStore
 from wrongturn_service.storage.usage import Quota
@@ -72,6 +74,7 @@ class Service:
     Attributes:
         pages: Rendered pages of the leaderboards, by generation of these.
         cache: What pages make of finished evaluations.
+        lists: Lists of accounts, which are kept for a second.
         documents: JSON that never changes, by what it shows: suites, towns and the OpenAPI document.
     """
 
@@ -103,6 +106,7 @@ class Service:
         self.judgements = Counter[str]()
         self.judging = asyncio.Semaphore(1)
         self.pages = Cache(_PAGES, at_once=1)
+        self.lists = Cache(_PAGES, at_once=1, keep_s=1.0)
         self.cache = Cache()
         self.documents = Cache(_DOCUMENTS, size=len)
         self.leaderboards = Leaderboards(self.store)
@@ -121,7 +125,7 @@ class Service:
             release_s=settings.lease_release_s,
             abort_s=settings.lease_abort_s,
         )
-        self.resets = Resets(self.store, driver, self.evaluations, self.episodes)
+        self.resets = Resets(self.store, driver, self.evaluations, self.episodes, self.check_disk)
         self.closings = Closings(
             self.store,
             self.evaluations,
@@ -132,7 +136,7 @@ class Service:
         )
 
         rows = SubmissionStore(database, quota)
-        files = ModelFiles(settings.home)
+        files = ModelFiles(settings.home, settings.disk_reserve)
         self.accounts = Accounts(self.store, rows, settings)
         self.registrations = Registrations(self.store, settings, self.accounts)
         self.submissions = Submissions(rows, files, self.episodes, self.closings, settings, telemetry)
@@ -167,6 +171,7 @@ class Service:
             self.leaderboards,
             self.replays,
             self.cache,
+            self.lists,
         )
 
     def why_not_ready(self) -> UnavailableError | None:
@@ -183,6 +188,20 @@ class Service:
             detail = f"the database fails: {self.store.trouble}"
             return UnavailableError(ProblemType.STORAGE_FAILED, detail, retry_after_s=5)
         return None
+
+    def check_disk(self) -> None:
+        """Check that the disks of home and database have their reserve. Raises ServiceError (507)."""
+        file = file_of(parse(self.settings.database_url))
+        for folder in {self.settings.home, self.settings.home if file is None else file.parent}:
+            try:
+                check_disk(folder, self.settings.disk_reserve)
+            except OSError as error:
+                raise ServiceError(
+                    ProblemType.STORAGE_FAILED,
+                    "the disk of the service is nearly full, so it takes neither registrations nor practice; come "
+                    "back later, or ask the operator to make room or to lower WRONGTURN_DISK_RESERVE",
+                    status=507,
+                ) from error
 
     def cluster_changed(self) -> None:
         """Take over what the cluster's nodes are now."""

@@ -4,18 +4,21 @@ from enum import StrEnum
 from functools import cached_property
 from ipaddress import ip_network
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 from urllib.parse import urlsplit
 
 import platformdirs
 from pydantic import Field, SecretStr, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from wrongturn_runner import SANDBOXES
 from wrongturn_service.cluster import options
 from wrongturn_service.machine import Machine
 from wrongturn_service.secret_file import Secret, read_secret
 
 PREFIX = "WRONGTURN_"
+CHECKS: Final = 2
+"""Submissions that are checked at a time, each in a sandbox."""
 GATEWAY = "gateway"
 """Stands for the address of the default gateway."""
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -33,6 +36,11 @@ class Place(StrEnum):
 
     LOCAL = "local"
     RAY = "ray"
+
+
+def sandboxes(submissions: int, socket: Path | None) -> int:
+    """Return how many sandboxes this machine may have at a time, with so many submissions driven and two checked."""
+    return 0 if submissions == 0 or socket is not None else SANDBOXES * submissions + CHECKS
 
 
 class Settings(BaseSettings):
@@ -82,6 +90,9 @@ class Settings(BaseSettings):
     """Bytes that may be stored for one owner. What does not fit gets 507 `quota-reached`."""
     bytes_per_address: Annotated[int, Field(ge=1 << 20)] = 4 << 30
     """Bytes that may be stored for all owners that one address has registered."""
+    disk_reserve: Annotated[int, Field(ge=0)] = 1 << 30
+    """Bytes that stay free on the disks of home and database, at most 5 % of a disk. With less free, registrations,
+    practice and models get 507 `storage-failed`; evaluations go on."""
     metrics_token: SecretStr | None = None
     """Bearer token for `GET /metrics`. The operator's opens it too. Without either, only programs of the service's own
     machine may read the metrics."""
@@ -89,11 +100,22 @@ class Settings(BaseSettings):
     """File with that token, in its place, of at least 16 characters. It is read at each use."""
     metrics_port: Annotated[int, Field(ge=1, le=65535)] | None = None
     """A port for `/metrics` alone, at the same address. The main port then answers 404 there."""
-    simulators: int | str = Field(default_factory=lambda: Machine().simulators())
+    submissions: Annotated[int, Field(ge=0, le=256)] = Field(
+        default_factory=lambda: max(1, Machine().processors() // 2)
+    )
+    """Submissions driven at a time. 0 turns them off. Default: half the cores, at least 1."""
+    runner_socket: Path | None = None
+    """Unix socket of a runner container, whose sandboxes run the models. Without it they run under bubblewrap on this
+    machine."""
+    simulators: int | str = Field(
+        default_factory=lambda settings: Machine().simulators(
+            sandboxes(settings.get("submissions", 0), settings.get("runner_socket"))
+        )
+    )
     """Largest number of simulators that drive. Each is a process that starts when it is first needed, and then stays.
-    The default leaves 1 GiB for the service and 200 MiB for each simulator; in a container, the limits of its cgroup
-    count. `ray` runs them on a Ray cluster, four for each of its cores; `ray:100` at most 100 there. Default: four
-    times the cores, at least 16, as far as the memory is enough."""
+    The default leaves 1 GiB for the service, 256 MiB for each sandbox on this machine and 200 MiB for each simulator;
+    in a container, the limits of its cgroup count. `ray` runs them on a Ray cluster, four for each of its cores;
+    `ray:100` at most 100 there. Default: four times the cores, at least 16, as far as the memory is enough."""
     spare_simulators: Annotated[int, Field(ge=0, le=64)] = 1
     """Simulators kept ready beyond those that drive, to replace one that dies at once."""
     simulator_start_timeout_s: Positive = 180.0
@@ -153,15 +175,8 @@ class Settings(BaseSettings):
     """Addresses and networks of proxies, separated by commas, whose `X-Forwarded-For` names the client's address.
     `gateway` is the default gateway, which for a container is its machine. With `*` any client can claim any
     address."""
-    submissions: Annotated[int, Field(ge=0, le=256)] = Field(
-        default_factory=lambda: max(1, Machine().processors() // 2)
-    )
-    """Submissions driven at a time. 0 turns them off. Default: half the cores, at least 1."""
     submissions_per_owner: Annotated[int, Field(ge=1)] = 8
     """Submissions of one owner that may wait or be driven. One more gets 429 `rate-limited`."""
-    runner_socket: Path | None = None
-    """Unix socket of a runner container, whose sandboxes run the models. Without it they run under bubblewrap on this
-    machine."""
     runners: Place = Place.LOCAL
     """Where models are driven: `local` on this machine, `ray` on the nodes of the Ray cluster that have a sandbox. For
     `ray` the settings of Ray count, wherever simulators run."""

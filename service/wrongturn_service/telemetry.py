@@ -17,6 +17,7 @@ _CHECK_BUCKETS = (0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 30.0, 60.0, 300.0)
 
 CLOSED: Final = (
     "head-too-large",
+    "hosts",
     "pipelined",
     "slow-message",
     "slow-reader",

@@ -205,6 +205,8 @@ def hostile_requests(size: int) -> list[Hostile]:
         hostile("msgpack of 4 MB that claims more", _post(step, _BOMB * 800, _MSGPACK), 413),
         hostile("100 bodies that do not come", _halves(100), 0),
         # Heads and framing
+        hostile("two hosts", _http("GET /v1/suites HTTP/1.1\r\nHost: x\r\nHost: y\r\n\r\n"), 400),
+        hostile("no host", _http("GET /v1/suites HTTP/1.1\r\n\r\n"), 400),
         hostile("a header without end", _http(open_head + "X-A: ", _times(b"a", size)), 431),
         hostile("headers without end", _http(open_head, _times(b"a: b\r\n", size)), 431),
         hostile("an address without end", _http("GET /", _times(b"a", size)), 414, 431),

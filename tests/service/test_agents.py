@@ -20,7 +20,7 @@ def test_an_agent_is_registered_and_listed(http: httpx.Client) -> None:
         "name": name(),
         "track": "camera",
         "description": "tries",
-        "homepage": "https://example.org/x",
+        "homepage": "https://example.org:8000/@x?a=b@c",
         "trained_on_faults": True,
     }
     agent = expect(http.post("/v1/agents", json=body), 201)
@@ -49,6 +49,9 @@ def test_a_name_is_taken_once(http: httpx.Client) -> None:
         ({"name": "<script>", "track": "camera"}, "name"),
         ({"name": "x", "track": "radar"}, "track"),
         ({"name": "x", "track": "camera", "homepage": "javascript:alert(1)"}, "homepage"),
+        ({"name": "x", "track": "camera", "homepage": "https://example.org@elsewhere.example/"}, "homepage"),
+        ({"name": "x", "track": "camera", "homepage": "https://elsewhere.example\\@example.org"}, "homepage"),
+        ({"name": "x", "track": "camera", "homepage": "https:///x"}, "homepage"),
         ({"name": "x", "track": "camera", "description": "x" * 2001}, "description"),
         ({"name": "x", "track": "camera", "kind": "winner"}, "kind"),
         ({"name": "x", "track": "camera", "trained_on_faults": "perhaps"}, "trained_on_faults"),
@@ -58,6 +61,8 @@ def test_a_registration_that_is_none(http: httpx.Client, body: dict[str, str], p
     told = problem(http.post("/v1/agents", json=body), 422, "validation", path)
     if isinstance(body.get("name"), str) and path == "name":
         assert "beginning with a letter or digit" in told["detail"]
+    if path == "homepage":
+        assert "without a user" in told["detail"]
 
 
 def test_a_token_is_rotated_and_revoked(service: RunningService, agent: Agent, other: Agent) -> None:

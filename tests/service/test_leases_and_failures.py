@@ -6,9 +6,10 @@ from typing import Any
 import pytest
 from app_harness import application, register, step, until
 from fake_pool import FakePool
-from service_harness import expect, problem
+from service_harness import GAS, expect, problem
 
 from wrongturn_service.episodes import driver
+from wrongturn_service.episodes.episodes import IDLE_S
 
 PRACTICE = {"town": "Town01", "approach": "J3-S"}
 
@@ -28,6 +29,50 @@ async def test_a_silent_agents_simulator_goes_to_others_and_is_rebuilt(tmp_path:
         assert (await http.delete(f"/v1/episodes/{other}")).status_code == 204
         assert expect(await step(http, silent, 2), 200)["observation"]["speed"] == 2.0
         assert pool.replays == 1
+
+
+async def test_idle_simulators_of_those_who_hold_most_go_to_a_call_that_waits(tmp_path: Path) -> None:
+    pool = FakePool(slots=4)
+    async with application(tmp_path, pool) as http:
+
+        async def another(name: str) -> dict[str, str]:
+            token = expect(await register(http, name=name, track="privileged"), 201)["token"]
+            return {"Authorization": f"Bearer {token}"}
+
+        greedy, modest = await another("greedy"), await another("modest")
+        held = [
+            expect(await http.post("/v1/episodes", json=PRACTICE, headers=greedy), 201)["id"],
+            *[expect(await http.post("/v1/episodes", json=PRACTICE), 201)["id"] for _ in range(3)],
+        ]
+        problem(await http.post("/v1/episodes", json=PRACTICE, headers=modest), 503, "simulators-busy")
+        http.clock.now += 2 * IDLE_S
+        expect(await step(http, held[1], 1), 200)  # it is not idle
+        expect(await http.post("/v1/episodes", json=PRACTICE, headers=modest), 201)
+        simulated = [one.simulator is not None for one in http.app.state.service.episodes.registry.values()]  # type: ignore[attr-defined]
+        assert simulated[:2] == [True, True]
+        assert sum(simulated) == 4
+        problem(await http.post("/v1/episodes", json=PRACTICE), 503, "simulators-busy")  # it holds most
+        # Its own next step may take the place of another episode of its own.
+        lost = held[2 + simulated[2:4].index(False)]
+        http.clock.now += 2 * IDLE_S
+        assert expect(await step(http, lost, 1), 200)["observation"]["speed"] == 1.0
+
+
+async def test_an_evaluation_keeps_its_simulator_from_its_first_step_on(tmp_path: Path) -> None:
+    pool = FakePool(slots=1)
+    async with application(tmp_path, pool) as http:
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
+        episode = expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)["id"]
+        token = expect(await register(http, name="other", track="privileged"), 201)["token"]
+        other = {"Authorization": f"Bearer {token}"}
+        http.clock.now += 2 * IDLE_S
+        practice = expect(await http.post("/v1/episodes", json=PRACTICE, headers=other), 201)["id"]
+        http.clock.now += 2 * IDLE_S
+        expect(await step(http, episode, 1), 200)
+        assert pool.starts == 3
+        http.clock.now += 2 * IDLE_S
+        body = {"seq": 1, "action": GAS}
+        problem(await http.post(f"/v1/episodes/{practice}/step", json=body, headers=other), 503, "simulators-busy")
 
 
 async def test_an_agent_that_does_not_come_back(tmp_path: Path) -> None:

@@ -55,6 +55,7 @@ def test_the_limits_of_a_container(tmp_path: Path) -> None:
     assert container.processors() == 2
     # 4 GiB less 1 for the service, 200 MiB each, one of them the spare.
     assert container.simulators() == 14
+    assert container.simulators(sandboxes=4) == 9  # 256 MiB each
 
 
 def test_the_least_limit_of_all_groups_above_counts(tmp_path: Path) -> None:

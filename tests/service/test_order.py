@@ -80,5 +80,5 @@ async def test_owners_are_served_in_turn(sqlite_url: str, clock: SetBack) -> Non
             await submissions.set_state(f"su_{name}", SubmissionState.CHECKED)
             await submissions.begin_evaluation(f"su_{name}", evaluation(f"ev_{name}", f"ag_{name}"))
             clock.again()
-        assert await submissions.last_served() == {"ow_a": 3, "ow_b": 2}
+        assert await submissions.last_served() == {"ow_a": 3, "at ow_a": 3, "ow_b": 2, "at ow_b": 2}
         assert await submissions.turns() == {"su_x": 1, "su_y": 2, "su_z": 3}

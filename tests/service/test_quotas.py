@@ -1,10 +1,12 @@
 """What an owner and an address may have: agents, open episodes and stored bytes."""
 
 import asyncio
+import shutil
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import httpx
 import pytest
@@ -226,6 +228,24 @@ async def test_what_does_not_fit_is_refused_and_leaves_nothing(tmp_path: Path, w
             assert told["detail"].startswith("0.123 MB more do not fit: ")
         assert await stored(http) == before
         await drive_to_the_end(http, held)  # what is begun is stored
+
+
+async def test_a_disk_that_is_nearly_full_takes_neither_registrations_nor_practice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with application(tmp_path, disk_reserve=1 << 30) as http:
+        evaluation = expect(await http.post("/v1/evaluations", json={"suite": "smoke@3"}), 201)["id"]
+        disk = SimpleNamespace(total=100 << 30, used=0, free=(1 << 30) - 1)
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: disk)
+        for response in (
+            await register(http, name="late", track="camera"),
+            await register(http, "/v1/owners", name="late"),
+            await http.post("/v1/episodes", json={"town": "Town01", "approach": "J3-S"}),
+        ):
+            assert "lower WRONGTURN_DISK_RESERVE" in problem(response, 507, "storage-failed")["detail"]
+        expect(await http.post(f"/v1/evaluations/{evaluation}/episodes"), 201)
+        disk.free += 1
+        expect(await register(http, name="late", track="camera"), 201)
 
 
 async def test_an_address_that_fills_the_disk_keeps_to_its_quota_and_others_drive_on(tmp_path: Path) -> None:

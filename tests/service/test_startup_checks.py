@@ -99,6 +99,7 @@ def test_a_simulators_memory_is_told_without_the_compilers(
 ) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("WRONGTURN_SIMULATORS", "1")
+    monkeypatch.setenv("WRONGTURN_SUBMISSIONS", "0")
     command = (sys.executable, "-c", COMPILING)
     monkeypatch.setitem(LocalStarter.__init__.__kwdefaults__, "command", command)  # type: ignore[arg-type]
     monkeypatch.setattr(check, "_COMPILED_S", 0.0)
@@ -108,6 +109,10 @@ def test_a_simulators_memory_is_told_without_the_compilers(
         assert ok
         (mib,) = re.findall(r"has (\d+) MiB", detail)
         assert int(mib) < 400
+    monkeypatch.setenv("WRONGTURN_SUBMISSIONS", "1")
+    _name, ok, detail, _remedy = next(one for one in cli.checks() if one[0] == "simulators")
+    assert "4 sandboxes of submissions, about 1024 MiB" in detail
+    assert ok == (free > 2**30)
 
 
 def test_a_port_without_the_right_to_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -156,6 +156,7 @@ def test_the_doctor_names_the_sandbox_or_what_is_missing(monkeypatch: pytest.Mon
     assert str(tmp_path / "no.socket") in finding
     assert "WRONGTURN_SUBMISSIONS=0" in remedy
     monkeypatch.setattr(wrongturn_sandbox, "probe", lambda path: "bubblewrap 0.8.0")
-    assert check_of_submissions() == ("submissions", True, "on: bubblewrap 0.8.0", "")
+    told = "on: bubblewrap 0.8.0; 4 sandboxes, each model may take 2048 MiB"
+    assert check_of_submissions() == ("submissions", True, told, "")
     monkeypatch.setenv("WRONGTURN_SUBMISSIONS", "0")
     assert check_of_submissions()[1]

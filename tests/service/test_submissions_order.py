@@ -1,73 +1,86 @@
-"""Whose submission is next: fair between owners, and the same whatever order the questions come in."""
+"""Whose submission is next: fair between addresses and owners, and the same whatever order the questions come in."""
 
 from collections import Counter
+from collections.abc import Mapping
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wrongturn_service.storage.models import SubmissionRow
-from wrongturn_service.submissions.order import in_turn, next_one
+from wrongturn_service.storage.models import OwnerRow, SubmissionRow
+from wrongturn_service.submissions.order import in_turn
 
 
 def waiting(name: str, owner: str, seq: int) -> SubmissionRow:
-    return SubmissionRow(id=name, owner_id=owner, seq=seq)
+    return SubmissionRow(id=name, owner_id=owner, seq=seq, owner=OwnerRow(id=owner, origin=ORIGINS[owner]))
 
 
-OWNERS = ["ann", "ben", "cid", "dan"]
+ORIGINS = {"ann": None, "ben": "b", "cid": "c", "dan": None, "eve": "c", "fay": "c"}
+"""The address of each owner."""
+OWNERS = list(ORIGINS)
+
+
+def next_one(line: list[SubmissionRow], running: Mapping[str, int], served: Mapping[str, int]) -> SubmissionRow:
+    """The next of all that wait, by comparing all."""
+    first = {name: row.seq for row in sorted(line, key=lambda row: -row.seq) for name in row.names}
+    return min(line, key=lambda row: [(running.get(n, 0), served.get(n, 0), first[n]) for n in row.names] + [row.seq])
+
+
+def names(owner: str) -> tuple[str, str]:
+    return waiting("", owner, 0).names
+
+
+def each(counts: dict[str, int]) -> Counter[str]:
+    """Counts of owners, with those of their addresses."""
+    return Counter({name: count for owner, count in counts.items() for name in names(owner)})
 
 
 @st.composite
-def lines(draw: st.DrawFn, least: int = 0) -> list[SubmissionRow]:
-    owners = draw(st.lists(st.sampled_from(OWNERS), min_size=least, max_size=30))
+def lines(draw: st.DrawFn) -> list[SubmissionRow]:
+    owners = draw(st.lists(st.sampled_from(OWNERS), max_size=30))
     return [waiting(f"s{seq}", owner, seq) for seq, owner in enumerate(owners, 1)]
 
 
-counts = st.dictionaries(st.sampled_from(OWNERS), st.integers(0, 5))
 turns = st.permutations(OWNERS).flatmap(
     lambda owners: st.integers(0, len(owners)).map(
-        lambda known: {owner: turn for turn, owner in enumerate(owners[:known], 1)}
+        lambda known: {name: turn for turn, owner in enumerate(owners[:known], 1) for name in names(owner)}
     )
 )
 
 
 def test_among_owners_with_as_many_running_the_one_served_longest_ago_is_next() -> None:
     line = [waiting("a", "ann", 1), waiting("b", "ben", 2), waiting("c", "cid", 3)]
-    assert next_one(line, {}, {"ann": 9, "ben": 7, "cid": 8}) == line[1]
-    assert next_one(line, {}, {"ann": 9, "ben": 7}) == line[2]  # never served
-    assert next_one(line, {"cid": 1}, {"ann": 9, "ben": 7}) == line[1]
+    assert in_turn(line, [], each({"ann": 9, "ben": 7, "cid": 8}), 4)[0] == line[1]
+    assert in_turn(line, [], each({"ann": 9, "ben": 7}), 4)[0] == line[2]  # never served
+    assert in_turn(line, [names("cid")], each({"ann": 9, "ben": 7}), 4)[0] == line[1]
 
 
-@given(lines(least=1), counts, turns)
-def test_the_next_owner_has_the_fewest_and_its_first_submission_goes(line, running, served) -> None:
-    chosen = next_one(line, running, served)
-    assert chosen is not None
-    assert running.get(chosen.owner_id, 0) == min(running.get(one.owner_id, 0) for one in line)
-    assert chosen.seq == min(one.seq for one in line if one.owner_id == chosen.owner_id)
+def test_addresses_take_turns_however_many_owners_each_has() -> None:
+    line = [waiting(owner, owner, seq) for seq, owner in enumerate(["cid", "eve", "fay", "ben", "ann"], 1)]
+    assert [row.id for row in in_turn(line, [], {}, 1)] == ["cid", "ben", "ann", "eve", "fay"]
+    assert in_turn(line, [names("cid")], {}, 4)[0] == line[3]
 
 
 @given(lines(), turns, st.integers(1, 5))
-def test_while_two_owners_wait_neither_gets_more_than_one_turn_ahead(line, served, slots) -> None:
-    ordered = in_turn(line, [], served, slots)
-    left = Counter(one.owner_id for one in line)
+def test_while_two_addresses_wait_neither_gets_more_than_one_turn_ahead(line, served, slots) -> None:
+    left = Counter(one.names[0] for one in line)
     got: Counter[str] = Counter()
-    for one in ordered:
-        got[one.owner_id] += 1
-        left[one.owner_id] -= 1
-        both = [owner for owner in OWNERS if left[owner]]
-        for owner in both:
-            # Whoever still waits has had as many turns as anybody else, or one less.
-            assert got[owner] >= got[one.owner_id] - 1
+    for one in in_turn(line, [], served, slots):
+        address = one.names[0]
+        got[address] += 1
+        left[address] -= 1
+        # Whoever still waits has had as many turns as anybody else, or one less.
+        assert all(got[other] >= got[address] - 1 for other in +left)
 
 
 @given(lines(), st.lists(st.sampled_from(OWNERS), max_size=4), turns, st.integers(1, 5))
 def test_the_whole_order_is_one_next_after_the_other(line, running, served, slots) -> None:
-    left, places, turns_of, expected = list(line), list(running), dict(served), []
+    begun = {name: turn for turn, owner in enumerate(running, 100) for name in names(owner)}
+    left, places, turns_of, expected = list(line), [names(owner) for owner in running], {**served, **begun}, []
     while left:
         del places[: max(0, len(places) - slots + 1)]
-        one = next_one(left, Counter(places), turns_of)
-        assert one is not None
+        one = next_one(left, Counter(name for place in places for name in place), turns_of)
         left.remove(one)
         expected.append(one)
-        turns_of[one.owner_id] = max(turns_of.values(), default=0) + 1
-        places.append(one.owner_id)
-    assert in_turn(line, running, served, slots) == expected
+        turns_of |= dict.fromkeys(one.names, max(turns_of.values(), default=0) + 1)
+        places.append(one.names)
+    assert in_turn(line, [names(owner) for owner in running], {**served, **begun}, slots) == expected

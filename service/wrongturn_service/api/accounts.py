@@ -42,6 +42,7 @@ async def register_owner(
     key: KeyDep,
 ) -> Response:
     """Register an owner. The reply shows the token once. With it the owner registers agents."""
+    service.check_disk()
     advice = "register an owner without a token, or with the operator's"
     who = await service.registrations.registrant(request.headers.get("authorization"), address_of(request), advice)
     async with key.once(who.scope, registration) as once:
@@ -49,6 +50,7 @@ async def register_owner(
         token = new_token()
         row = new_owner(registration.name, registration.contact, token, who.origin)
         await service.registrations.add_owner(row, _stored(once, row))
+        service.lists.clear()
     return _with_token(row, token)
 
 
@@ -63,6 +65,7 @@ async def register(
 
     With an owner's token the agent is that owner's. Without a token an owner of the agent's name is made.
     """
+    service.check_disk()
     advice = "register agents with their owner's token, or without one"
     who = await service.registrations.registrant(request.headers.get("authorization"), address_of(request), advice)
     async with key.once(who.scope, registration) as once:
@@ -82,15 +85,20 @@ async def register(
             owner=await service.registrations.owner_for(registration, who),
         )
         await service.registrations.add_agent(row, _stored(once, row))
+        service.lists.clear()
     return _with_token(row, token)
 
 
 @owners_router.get("", **described(OwnerList, 422))
 async def owners(service: ServiceDep, page: PageDep) -> Response:
     """List the owners by name."""
-    rows = await service.store.owners(after=page.after, limit=page.limit + 1)
-    found, following = page.cut(rows, lambda row: row.name_key)
-    return reply(OwnerList(owners=tuple(owner_detail(row) for row in found), next=following))
+
+    async def made() -> bytes:
+        rows = await service.store.owners(after=page.after, limit=page.limit + 1)
+        found, following = page.cut(rows, lambda row: row.name_key)
+        return OwnerList(owners=tuple(map(owner_detail, found)), next=following).model_dump_json().encode()
+
+    return Response(await service.lists.get(("owners", page), made), media_type=Encoding.JSON)
 
 
 @agents_router.get("", **described(AgentList, 422))
@@ -102,9 +110,13 @@ async def agents(
     ] = False,
 ) -> Response:
     """List the agents by name. Those that have only practised are left out unless you ask for all."""
-    rows = await service.store.agents(evaluated=not everybody, after=page.after, limit=page.limit + 1)
-    found, following = page.cut(rows, lambda row: row.name_key)
-    return reply(AgentList(agents=tuple(detail(row) for row in found), next=following))
+
+    async def made() -> bytes:
+        rows = await service.store.agents(evaluated=not everybody, after=page.after, limit=page.limit + 1)
+        found, following = page.cut(rows, lambda row: row.name_key)
+        return AgentList(agents=tuple(map(detail, found)), next=following).model_dump_json().encode()
+
+    return Response(await service.lists.get(("agents", page, everybody), made), media_type=Encoding.JSON)
 
 
 @owners_router.get("/{owner}", **described(OwnerDetail, 404), **WITHOUT_TOKEN_TOO)

@@ -1,5 +1,6 @@
 """Drives open episodes in simulators. If a simulator dies, the episode is replayed in another one."""
 
+import asyncio
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Final, TypeVar
@@ -10,6 +11,7 @@ from wrongturn_protocol import FaultKind, Outcome, Reaction, Trial, Verdict
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.queue import SimulatorQueue
+from wrongturn_service.errors import UnavailableError
 from wrongturn_service.simulators.interface import (
     Action,
     EpisodeEnd,
@@ -25,6 +27,8 @@ ATTEMPTS: Final = 3
 """Simulators that may die in one call, or fail to start, before the episode is given up."""
 START_PATIENCE_S: Final = 20.0
 """Seconds after which a call stops trying to start simulators; its client would not wait longer."""
+HOLD_S: Final = 1.1
+"""Seconds for which a call is held that can soon take a simulator from others."""
 STEP_S: Final = 0.1
 """Seconds between two decisions."""
 _T = TypeVar("_T")
@@ -57,6 +61,9 @@ class EpisodeDriver:
         self._queue = queue
         self._telemetry = telemetry
         self._log = structlog.get_logger("driver")
+        self.make_room: Callable[[OpenEpisode, int], Awaitable[float | None]]
+        """Takes up to so many idle simulators from others for an episode, and returns the seconds until it can take
+        another one, or None. Its :class:`Episodes` sets it."""
 
     async def begin(self, episode: OpenEpisode, encoding: Encoding, call: str) -> StepResult:
         """Reset an episode. A ``call`` that is sent again keeps its place in the queue. Raises EpisodeRefusedError."""
@@ -88,7 +95,11 @@ class EpisodeDriver:
         finally:
             if episode.placed:
                 episode.placed = False
-                self._queue.leave(episode.holder)
+                self._queue.leave(episode.payer.names)
+
+    def holds(self, episode: OpenEpisode) -> tuple[int, ...]:
+        """Return how many simulators the episode's address, owner and agent hold."""
+        return self._queue.holds(episode.payer.names)
 
     async def _release(self, episode: OpenEpisode) -> None:
         simulator, episode.simulator = episode.simulator, None
@@ -125,7 +136,7 @@ class EpisodeDriver:
         An episode whose simulator died keeps its place in the queue, so that no other call gets in between.
         """
         if not episode.placed:
-            self._queue.enter(episode.holder, place)
+            await self._claim(episode, place)
             episode.placed = True
         trial, actions = episode.trial.model_dump_json(), bytes(episode.actions)
         try:
@@ -143,6 +154,21 @@ class EpisodeDriver:
         except BaseException:
             await self.detach(episode)
             raise
+
+    async def _claim(self, episode: OpenEpisode, place: str) -> None:
+        """Claim a simulator, for which the call at the front of the queue waits up to a second. Raises as ``enter``."""
+        names, until = episode.payer.names, time.monotonic() + HOLD_S
+        while True:
+            wait_s = None
+            if position := self._queue.position(names, place):
+                wait_s = await self.make_room(episode, position)
+            try:
+                self._queue.enter(names, place)
+                return
+            except UnavailableError as error:
+                if error.position != 1 or wait_s is None or time.monotonic() + wait_s > until:
+                    raise
+                await asyncio.sleep(max(wait_s, 0.01))
 
     async def _simulators(self, episode: OpenEpisode) -> AsyncIterator[Simulator]:
         """Yield up to :data:`ATTEMPTS` simulators. One that does not start counts as an attempt.

@@ -40,6 +40,8 @@ PATIENCE_S: Final = 20.0
 """Seconds to wait for resets in progress; less than a client waits for a reply."""
 LEASES_EVERY_S: Final = 1.0
 """Seconds between two looks at the leases; less if one is shorter than four times that."""
+IDLE_S: Final = 1.0
+"""Seconds without a call after which the simulator of practice, or of a mere reset, goes to a call that waits."""
 _LOOK_S: Final = 0.02
 _LOOKED_UP: Final = 4
 """Episodes that are looked up in the database at a time. More at once would only delay everything else."""
@@ -80,6 +82,7 @@ class Episodes:
         self._looking_up = asyncio.Semaphore(_LOOKED_UP)
         self._tasks: set[asyncio.Task[None]] = set()
         self._log = structlog.get_logger("episodes")
+        driver.make_room = self._make_room
 
     @property
     def open(self) -> int:
@@ -432,6 +435,40 @@ class Episodes:
                     episode.end is not None and not episode.lock.locked()
                 ):
                     self._spawn(self._look_after(episode))
+
+    async def _make_room(self, waiting: OpenEpisode, count: int) -> float | None:
+        """Take up to ``count`` idle simulators for an episode that waits, from those who hold more than its agent.
+
+        Those who hold most come first, by address, then owner, then agent. From its own address it takes one only after
+        twice the time, so that no group turns its simulators over without end. An agent whose next step waits can take
+        one from itself. An evaluation's episode loses none between its first step and the end of its lease. Return the
+        seconds until one more can be taken, None if there is none.
+        """
+        if self.clock() - waiting.heard >= self.abort_s:
+            return None  # its lease ends it, and nobody waits
+        mine = self._driver.holds(waiting)
+        whose = waiting.holder if waiting.id in self.registry else None
+
+        def left_s(episode: OpenEpisode) -> float | None:
+            theirs = self._driver.holds(episode)
+            free = episode.placed and (episode.evaluation is None or not episode.actions)
+            if not free or not (episode.holder == whose or theirs > mine):
+                return None
+            idle_s = IDLE_S if theirs[0] > mine[0] else 2 * IDLE_S
+            return min(idle_s, self._release_s) - self.silence_s(episode)
+
+        for _ in range(count):
+            found = [(left, one) for one in self.registry.values() if (left := left_s(one)) is not None]
+            over = [one for left, one in found if left <= 0]
+            if not over:
+                return min((left for left, _ in found), default=None)
+            taken = max(over, key=lambda one: (self._driver.holds(one), self.silence_s(one)))
+            if taken.locked_now():
+                try:
+                    await self._driver.detach(taken)
+                finally:
+                    taken.lock.release()
+        return None
 
     async def _look_after(self, episode: OpenEpisode) -> None:
         """Release a silent agent's simulator, later abort its episode; store an end that the database refused."""

@@ -22,6 +22,11 @@ class Payer:
     address: str | None
     """The address that has begun it. None for a runner, whose address is the service's own."""
 
+    @property
+    def names(self) -> tuple[str, str, str]:
+        """Address, owner and holder, as limits and queue count. For a runner the owner stands for the address."""
+        return f"at {self.address or self.owner}", self.owner, self.holder
+
 
 @dataclass(eq=False)
 class OpenEpisode:
@@ -138,7 +143,7 @@ class Registry(dict[str, OpenEpisode]):
         self.max_parallel = max_parallel
         self._max_open = max_open
         self._all: Counter[str] = Counter()
-        """Open episodes by holder, owner and address. An id never looks like an address."""
+        """Open episodes by address, owner and holder, see :attr:`Payer.names`."""
         self._practice: Counter[str] = Counter()
 
     def of(self, evaluation_id: str) -> list[OpenEpisode]:
@@ -155,26 +160,22 @@ class Registry(dict[str, OpenEpisode]):
         Raises:
             UnavailableError: The agent, its owner or its address has reached a limit.
         """
-        for who, name, factor in ((payer.holder, "agent", 1), (payer.owner, "owner", 2), (payer.address, "address", 4)):
+        for who, name, factor in zip(payer.names[::-1], ("agent", "owner", "address"), (1, 2, 4), strict=True):
             most = factor * self._max_open
             half = max(1, most // 2)
-            if who is not None and practice and self._practice[who] >= half:
+            if practice and self._practice[who] >= half:
                 raise _too_many(name, f"{half} practice episodes")
-            if who is not None and self._all[who] >= most:
+            if self._all[who] >= most:
                 raise _too_many(name, f"{most} episodes")
-        self._all.update(_names(payer))
+        self._all.update(payer.names)
         if practice:
-            self._practice.update(_names(payer))
+            self._practice.update(payer.names)
 
     def give_back(self, payer: Payer, *, practice: bool) -> None:
         """Take back a reservation, also that of an episode that was opened and is closed now."""
-        self._all -= Counter(_names(payer))
+        self._all -= Counter(payer.names)
         if practice:
-            self._practice -= Counter(_names(payer))
-
-
-def _names(payer: Payer) -> list[str]:
-    return [who for who in (payer.holder, payer.owner, payer.address) if who is not None]
+            self._practice -= Counter(payer.names)
 
 
 def _too_many(who: str, which: str) -> UnavailableError:

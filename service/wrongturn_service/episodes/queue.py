@@ -13,6 +13,8 @@ LONGEST_S: Final = 10
 """Longest Retry-After, seconds."""
 SLACK_S: Final = 2.0
 """Seconds that a place is kept after its Retry-After."""
+Names = tuple[str, ...]
+"""Address, owner and id of an agent."""
 
 
 class SimulatorQueue:
@@ -23,7 +25,8 @@ class SimulatorQueue:
     ) -> None:
         """Create an empty queue for at most ``slots()`` simulators that drive at a time.
 
-        At most ``each`` calls of an agent wait, and at most ``most`` of all agents.
+        At most ``each`` calls of an agent wait, and at most ``most`` of all agents. An agent is known by its address,
+        owner and id, see :attr:`Payer.names`.
         """
         self._slots = slots
         self._each = each
@@ -32,7 +35,7 @@ class SimulatorQueue:
         self._held: Counter[str] = Counter()
         self._taken = 0
         # Waiting calls in order of arrival, with the time at which the place is lost unless the call comes back.
-        self._places: dict[tuple[str, str], float] = {}
+        self._places: dict[tuple[Names, str], float] = {}
 
     @property
     def waiting(self) -> int:
@@ -40,27 +43,34 @@ class SimulatorQueue:
         self._forget()
         return len(self._places)
 
-    def enter(self, agent: str, call: str) -> None:
+    def holds(self, agent: Names) -> tuple[int, ...]:
+        """Return how many simulators an agent's address, its owner and the agent hold."""
+        return tuple(self._held[name] for name in agent)
+
+    def position(self, agent: Names, call: str) -> int:
+        """Return how many simulators have to become free before it is a call's turn; 0 if it may claim one now."""
+        free = self._slots() - self._taken
+        if free > 0 and not self._places:
+            return 0
+        self._forget()
+        order = in_turn(self._held, ((name[0], name) for name in {**self._places, (agent, call): 0.0}))
+        return max(0, order.index((agent, call)) - free + 1)
+
+    def enter(self, agent: Names, call: str) -> None:
         """Claim a simulator; :meth:`leave` gives it back. A call that comes back by its name has its old place.
 
         Raises:
             UnavailableError: All simulators are busy or other calls come first. ``position`` says how many simulators
                 have to become free.
         """
-        free = self._slots() - self._taken
-        if free > 0 and not self._places:
-            self._take(agent)
+        position, name = self.position(agent, call), (agent, call)
+        if not position:
+            self._places.pop(name, None)
+            self._taken += 1
+            self._held.update(agent)
             return
-        self._forget()
-        name = (agent, call)
         if name not in self._places:
-            self._queue(name)
-        ahead = self._order().index(name)
-        if ahead < free:
-            del self._places[name]
-            self._take(agent)
-            return
-        position = ahead - free + 1
+            self._check_room(agent)
         wait = min(LONGEST_S, 1 + (position - 1) // max(1, self._slots()))
         self._places[name] = self._clock() + wait + SLACK_S
         raise UnavailableError(
@@ -71,17 +81,13 @@ class SimulatorQueue:
             position=position,
         )
 
-    def leave(self, agent: str) -> None:
+    def leave(self, agent: Names) -> None:
         """Give a simulator back."""
         self._taken -= 1
-        self._held -= Counter([agent])
+        self._held -= Counter(agent)
 
-    def _take(self, agent: str) -> None:
-        self._taken += 1
-        self._held[agent] += 1
-
-    def _queue(self, name: tuple[str, str]) -> None:
-        mine = sum(agent == name[0] for agent, _ in self._places)
+    def _check_room(self, agent: Names) -> None:
+        mine = sum(agent == waiting for waiting, _ in self._places)
         if mine >= self._each:
             detail = f"{mine} calls of this agent wait for a simulator, which is the limit; send those again first"
             raise too_many(detail, retry_after_s=LONGEST_S)
@@ -93,11 +99,6 @@ class SimulatorQueue:
                 retry_after_s=LONGEST_S,
                 position=len(self._places) + 1,
             )
-        self._places[name] = self._clock() + LONGEST_S
-
-    def _order(self) -> list[tuple[str, str]]:
-        """Return the waiting calls, the next one first."""
-        return in_turn(self._held, ((name[0], name) for name in self._places))
 
     def _forget(self) -> None:
         now = self._clock()

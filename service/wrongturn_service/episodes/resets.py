@@ -70,13 +70,20 @@ class Resets:
     """Begins episodes."""
 
     def __init__(
-        self, store: Store, driver: EpisodeDriver, evaluations: RunningEvaluations, episodes: Episodes
+        self,
+        store: Store,
+        driver: EpisodeDriver,
+        evaluations: RunningEvaluations,
+        episodes: Episodes,
+        check_disk: Callable[[], None],
     ) -> None:
+        """Use these parts. ``check_disk`` raises a ServiceError if the disk has no room for practice."""
         self.in_progress = InProgress()
         self._store = store
         self._driver = driver
         self._evaluations = evaluations
         self._episodes = episodes
+        self._check_disk = check_disk
 
     async def next(
         self, caller: Caller, address: str, evaluation: EvaluationRow, encoding: Encoding, once: IdempotentRequest
@@ -137,8 +144,11 @@ class Resets:
         Raises:
             EpisodeRefusedError: The simulation refuses the trial.
             QuotaReachedError: The owner, or its address, has too many bytes stored.
+            ServiceError: The disk is nearly full, and this is no check of a submission.
         """
         self._check_stopping()
+        if caller.submission is None:
+            self._check_disk()
         await self._store.check_room(caller.owner, reserve_of(1, journeys=trial.journey is not None))
         return await self._begin(caller, address, None, trial, encoding, once, origin)
 

@@ -5,8 +5,8 @@ import time
 
 from wrongturn_service.cluster.options import host_and_port
 from wrongturn_service.cluster.programs import Programs
-from wrongturn_service.machine import Machine
-from wrongturn_service.settings import Settings
+from wrongturn_service.machine import SANDBOX_MEMORY, Machine
+from wrongturn_service.settings import Settings, sandboxes
 from wrongturn_service.simulators.interface import SimulatorStartError
 from wrongturn_service.simulators.local_simulator import LocalStarter
 from wrongturn_service.simulators.ray_simulator import RayStarter, slots
@@ -34,11 +34,14 @@ def examine(settings: Settings) -> str:
     if seconds > _COMPILED_S:  # it has compiled the kernels, which takes several times the memory
         seconds, memory = asyncio.run(_start(settings))
     count = settings.most_simulators + settings.spare_simulators
+    others = sandboxes(settings.submissions, settings.runner_socket) * SANDBOX_MEMORY
     report = (
         f"one was ready after {seconds:.1f} s and has {memory / _MIB:.0f} MiB; {count} of them, with the spare, "
         f"{count * memory / _MIB:.0f} MiB of {available / _MIB:.0f} that are free"
     )
-    if available and count * memory > available:
+    if others:
+        report += f"; {others // SANDBOX_MEMORY} sandboxes of submissions, about {others / _MIB:.0f} MiB"
+    if available and count * memory + others > available:
         raise TooLittleMemoryError(report)
     return report
 

@@ -1,8 +1,8 @@
 """What simulators are sent, what they answer, and how they fail."""
 
 import struct
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
@@ -34,18 +34,29 @@ def replay_s(actions: bytes) -> float:
     return 0.02 * (len(actions) // ACTION.size)
 
 
-def in_turn(held: Mapping[str, int], waiting: Iterable[tuple[str, _T]]) -> list[_T]:
-    """Return waiting calls, the next one first, from pairs of agent and call in order of arrival.
+def in_turn(held: Mapping[str, int], waiting: Iterable[tuple[Sequence[str], _T]]) -> list[_T]:
+    """Return waiting calls, the next one first, from pairs of names and call in order of arrival.
 
-    The agent that has ``held`` fewer simulators comes first; each of its own earlier calls counts as one. Among equals
-    the earlier call comes first. So an agent that asks for a hundred does not block one that asks for its first.
+    The names say whose a call is, the largest group first, such as address, owner and agent. Groups take turns, and so
+    do the groups within each: the one that has ``held`` fewer simulators comes first, and each of its own earlier calls
+    counts as one. Among equals the earlier call comes first. So a group that asks for a hundred does not block one that
+    asks for its first.
     """
-    counted = Counter(held)
-    ranked = []
-    for agent, call in waiting:
-        ranked.append((counted[agent], call))
-        counted[agent] += 1
-    return [call for _, call in sorted(ranked, key=lambda one: one[0])]  # equals stay in order of arrival
+
+    def ordered(calls: list[tuple[int, Sequence[str], _T]], level: int) -> list[tuple[int, Sequence[str], _T]]:
+        if not calls or level == len(calls[0][1]):
+            return calls
+        groups = defaultdict(list)
+        for call in calls:
+            groups[call[1][level]].append(call)
+        ranked = [
+            (held.get(name, 0) + turn, call)
+            for name, group in groups.items()
+            for turn, call in enumerate(ordered(group, level + 1))
+        ]
+        return [call for _, call in sorted(ranked, key=lambda one: (one[0], one[1][0]))]
+
+    return [call for _, _, call in ordered([(number, *one) for number, one in enumerate(waiting)], 0)]
 
 
 class SimulatorsBusyError(Exception):

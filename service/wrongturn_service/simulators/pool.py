@@ -142,7 +142,7 @@ class SimulatorPool:
 
     def _line(self) -> list[_Waiting]:
         """Return the waiting calls, the next one first."""
-        return in_turn(Counter(self._busy.values()), ((waiting.agent, waiting) for waiting in self._waiting))
+        return in_turn(Counter(self._busy.values()), (((waiting.agent,), waiting) for waiting in self._waiting))
 
     async def release(self, simulator: Simulator) -> None:
         """Take a simulator back, dead or alive."""

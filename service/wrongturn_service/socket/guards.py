@@ -20,7 +20,7 @@ from typing_extensions import override
 from uvicorn._types import ASGI3Application
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
-from wrongturn_protocol import ProblemType
+from wrongturn_protocol import FieldError, ProblemType
 from wrongturn_service.errors import ServiceError, UnavailableError, too_many
 from wrongturn_service.logs import LogThrottle
 
@@ -42,6 +42,7 @@ _LINGER: Final = 1 << 20
 _LINGER_S: Final = 2.0
 """Bytes and seconds of the rest of a refused body that are dropped. A reset at once would take away the reply."""
 _PHRASES: Final = {
+    400: "Bad Request",
     408: "Request Timeout",
     414: "URI Too Long",
     431: "Request Header Fields Too Large",
@@ -284,6 +285,13 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
             self._too_large(f"the request has more than {_HEADERS} headers")
         elif any(len(name) + len(value) > _LINE for name, value in self.headers):
             self._too_large(f"a header has more than {_LINE} bytes")
+        elif (hosts := sum(name == b"host" for name, _ in self.headers)) != 1 and (
+            hosts or self.parser.get_http_version() == "1.1"
+        ):
+            message = f"there are {hosts} Host headers; send exactly one"
+            field = FieldError(path="header.host", message=message)
+            error = ServiceError(ProblemType.VALIDATION, f"header.host: {message}", status=400, errors=[field])
+            self._reject("hosts", error)
         else:
             self._in_head = False
             before = self.cycle
@@ -341,15 +349,18 @@ class GuardedHttp(GuardedWriting, HttpToolsProtocol):
         asyncio.get_running_loop().call_later(_LINGER_S, self.transport.close)
 
     def _too_large(self, detail: str, status: int = 431) -> None:
+        self._reject("head-too-large", ServiceError(ProblemType.HEAD_TOO_LARGE, f"{detail}; send less", status=status))
+
+    def _reject(self, reason: str, error: ServiceError) -> None:
         """Refuse a request, if it is the one that is to be answered next; else end the connection."""
         waits = self._answering() and not self.cycle.response_started
         if self.pipeline or (self._answering() if self._in_head else not waits):
-            self._drop("head-too-large")
+            self._drop(reason)
             return
         if not self._in_head:
             self.cycle.disconnected = True
             self.cycle.message_event.set()
-        self._refuse("head-too-large", ServiceError(ProblemType.HEAD_TOO_LARGE, f"{detail}; send less", status=status))
+        self._refuse(reason, error)
 
     def _drop(self, reason: str) -> None:
         self._over = True

@@ -282,6 +282,11 @@ class SubmissionRow(Base):
     """When it finished, failed or was cancelled."""
     owner: Mapped[OwnerRow] = relationship(lazy="joined")
 
+    @property
+    def names(self) -> tuple[str, str]:
+        """The address that registered its owner, and its owner, who take turns. An owner without one has its own."""
+        return f"at {self.owner.origin or self.owner_id}", self.owner_id
+
 
 class SubmissionLogRow(Base):
     """One line of a submission's log."""

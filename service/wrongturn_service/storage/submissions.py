@@ -156,16 +156,15 @@ class SubmissionStore(Queries):
         return {name: (done, episodes) for name, done, episodes in await self._rows(query)}
 
     async def last_served(self) -> dict[str, int]:
-        """Return the turn in which each owner's last submission began to run, by the owner's id.
+        """Return the turn in which the last submission of each owner and address began to run, by their names.
 
-        A turn is the number of the submission's evaluation. Owners who were never served are left out.
+        A turn is the number of the submission's evaluation. Names that were never served are left out.
         """
-        query = (
-            select(SubmissionRow.owner_id, func.max(EvaluationRow.seq))
-            .join(EvaluationRow, EvaluationRow.id == SubmissionRow.evaluation_id)
-            .group_by(SubmissionRow.owner_id)
+        query = select(SubmissionRow, EvaluationRow.seq).join(
+            EvaluationRow, EvaluationRow.id == SubmissionRow.evaluation_id
         )
-        return dict(await self._rows(query))
+        rows = await self._rows(query.order_by(EvaluationRow.seq))
+        return {name: turn for row, turn in rows for name in row.names}
 
     async def turns(self) -> dict[str, int]:
         """Return the turn in which each submission that runs has begun, by its id."""

@@ -13,15 +13,14 @@ from typing import Final
 import structlog
 
 from wrongturn_protocol import SubmissionState
+from wrongturn_service.settings import CHECKS
 from wrongturn_service.storage.models import SubmissionRow
 from wrongturn_service.submissions.availability import LOOK_S
 from wrongturn_service.submissions.jobs import Check, Drive, Job, JobContext
 from wrongturn_service.submissions.operations import OverError, RefusedError
-from wrongturn_service.submissions.order import in_turn, next_one
+from wrongturn_service.submissions.order import in_turn
 from wrongturn_service.submissions.runners import HaltedError
 
-CHECKS: Final = 2
-"""Submissions that are checked at a time."""
 _PAUSE_S: Final = 5.0
 """Seconds before a job is tried again that failed because of the service itself, such as its database."""
 _STOP_S: Final = 10.0
@@ -29,7 +28,7 @@ _STOP_S: Final = 10.0
 
 
 class JobPool:
-    """Jobs of one kind: how many at a time, who has them, and in which turn each owner was last served."""
+    """Jobs of one kind: how many at a time, who has them, and in which turn each owner and address was last served."""
 
     def __init__(self, slots: int, kind: type[Job]) -> None:
         self.slots = slots
@@ -41,8 +40,10 @@ class JobPool:
         """Return which of these submissions gets a slot, None if there is none."""
         if len(self.jobs) >= self.slots:
             return None
-        running = Counter(job.row.owner_id for job in self.jobs.values())
-        return next_one([row for row in rows if row.id not in self.jobs], running, self.served)
+        running = [job.row.names for job in self.jobs.values()]
+        return next(
+            iter(in_turn([row for row in rows if row.id not in self.jobs], running, self.served, self.slots)), None
+        )
 
 
 class Dispatcher:
@@ -92,7 +93,7 @@ class Dispatcher:
         """Return for each waiting submission how many are driven before it, if no other one arrives."""
         rows, turns = await self._submissions.rows.waiting(), await self._submissions.rows.turns()
         running = [row for row in rows if row.state == SubmissionState.RUNNING]
-        owners = [row.owner_id for row in sorted(running, key=lambda row: turns.get(row.id, 0))]
+        owners = [row.names for row in sorted(running, key=lambda row: turns.get(row.id, 0))]
         waiting = [row for row in rows if row.state != SubmissionState.RUNNING]
         ordered = in_turn(waiting, owners, self._drives.served, self._drives.slots)
         return {row.id: position for position, row in enumerate(ordered)}
@@ -134,7 +135,7 @@ class Dispatcher:
 
     def _begin(self, pool: JobPool, row: SubmissionRow) -> None:
         if row.state != SubmissionState.RUNNING:
-            pool.served[row.owner_id] = max(pool.served.values(), default=0) + 1
+            pool.served |= dict.fromkeys(row.names, max(pool.served.values(), default=0) + 1)
         pool.jobs[row.id] = job = pool.kind(self._context, row)
         job.task = asyncio.create_task(self._work(job))
         job.task.add_done_callback(lambda _task: self._ended(pool, row.id))

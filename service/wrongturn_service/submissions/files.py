@@ -1,24 +1,19 @@
 """The folder with the models of submissions. Names are the submissions' ids, never a client's words."""
 
 import contextlib
-import errno
 import fcntl
 import hashlib
 import os
-import shutil
 from pathlib import Path
 from typing import Final
 
 from wrongturn_protocol import SubmissionState
+from wrongturn_service.machine import check_disk
 from wrongturn_service.storage.location import OWNER_ALONE
 from wrongturn_service.storage.models import SubmissionRow
 from wrongturn_service.storage.submissions import SubmissionStore
 
 _FOLDER_MODE: Final = 0o700
-_RESERVE: Final = 1 << 30
-"""Bytes of the disk that models leave free for the database, which may be on the same one."""
-_RESERVE_SHARE: Final = 0.05
-"""The reserve is never more than this share of the disk."""
 
 
 class ModelFiles:
@@ -27,8 +22,10 @@ class ModelFiles:
     Methods that touch many bytes are plain functions: use a thread.
     """
 
-    def __init__(self, home: Path) -> None:
+    def __init__(self, home: Path, reserve: int = 0) -> None:
+        """Use a home. Models leave so many bytes of its disk free, see :func:`check_disk`."""
         self.folder = home / "submissions"
+        self._reserve = reserve
 
     def prepare(self) -> None:
         """Create the folder, and delete what uploads left when the service ended last. Raises OSError."""
@@ -45,10 +42,7 @@ class ModelFiles:
 
     def check_room(self, size: int) -> None:
         """Check that so many bytes more leave the reserve of the disk free. Raises OSError (ENOSPC)."""
-        disk = shutil.disk_usage(self.folder)
-        reserve = min(_RESERVE, int(disk.total * _RESERVE_SHARE))
-        if disk.free - size < reserve:
-            raise OSError(errno.ENOSPC, f"{disk.free} bytes are free, {size} are needed, {reserve} are kept free")
+        check_disk(self.folder, self._reserve, size)
 
     def delete(self, submission_id: str) -> None:
         """Delete a complete model. Safe to call more than once."""

@@ -1,8 +1,4 @@
-"""Whose submission is next. Pure functions: the same line gives the same order, whatever the clock says.
-
-``running`` says how many of each owner run, ``served`` in which turn (1, 2, 3, …) each owner was last served; owners
-who never were are left out.
-"""
+"""Whose submission is next. A pure function: the same line gives the same order, whatever the clock says."""
 
 import heapq
 from collections import Counter, deque
@@ -11,54 +7,65 @@ from collections.abc import Iterable, Mapping, Sequence
 from wrongturn_service.storage.models import SubmissionRow
 
 
-def next_one(
-    waiting: Iterable[SubmissionRow], running: Mapping[str, int], served: Mapping[str, int]
-) -> SubmissionRow | None:
-    """Return the submission that is next, None if none waits.
-
-    It is one of the owner who has the fewest running; among those, of the one who was served longest ago or never;
-    then the one that arrived first.
-    """
-    return min(
-        waiting, key=lambda row: (running.get(row.owner_id, 0), served.get(row.owner_id, 0), row.seq), default=None
-    )
-
-
 def in_turn(
-    waiting: Iterable[SubmissionRow], running: Sequence[str], served: Mapping[str, int], slots: int
+    waiting: Iterable[SubmissionRow], running: Sequence[tuple[str, str]], served: Mapping[str, int], slots: int
 ) -> list[SubmissionRow]:
     """Return the waiting submissions in the order in which they will run if no other one arrives.
 
-    Which of those that run ends first is not known; this takes the one that began first. ``running`` are their owners,
-    in the order of their beginnings.
+    Addresses take turns, and so do the owners of each. Next is the address that has the fewest running; among those,
+    the one that was served longest ago or never; then the one whose submission arrived first. Which of those that run
+    ends first is not known; this takes the one that began first.
+
+    ``running`` are the names (:attr:`SubmissionRow.names`) of those that run, in the order of their beginnings.
+    ``served`` says in which turn (1, 2, 3, …) each name was last served; names that never were are left out.
     """
-    turns, count, places = dict(served), Counter(running), deque(running)
+    turns, places = dict(served), deque(running)
+    count = Counter(name for names in running for name in names)
     lines: dict[str, deque[SubmissionRow]] = {}
+    first: dict[str, int] = {}
+    # Of each address its owners, and of "" all addresses. A name may be there more than once; only the entry with its
+    # present rank counts.
+    heaps: dict[str, list[tuple[tuple[int, int, int], str]]] = {"": []}
     for row in sorted(waiting, key=lambda row: row.seq):
         lines.setdefault(row.owner_id, deque()).append(row)
+        for name in row.names:
+            first.setdefault(name, row.seq)
+            heaps.setdefault(name, [])
 
-    def rank(owner: str) -> tuple[int, int, int]:
-        return count[owner], turns.get(owner, 0), lines[owner][0].seq
+    def rank(name: str) -> tuple[int, int, int]:
+        return count[name], turns.get(name, 0), first[name]
 
-    # An owner may be in the heap more than once; only its entry with its present rank counts.
-    heap = [(rank(owner), owner) for owner in lines]
-    heapq.heapify(heap)
+    def push(address: str, owner: str) -> None:
+        if lines.get(owner):
+            heapq.heappush(heaps[address], (rank(owner), owner))
+        if heaps.get(address):
+            heapq.heappush(heaps[""], (rank(address), address))
+
+    def pop(group: str) -> str | None:
+        while heaps[group]:
+            ranked, name = heapq.heappop(heaps[group])
+            if ranked == rank(name) and (lines.get(name) or heaps[name]):
+                return name
+        return None
+
+    for row in {line[0].owner_id: line[0] for line in lines.values()}.values():
+        push(*row.names)
     ordered: list[SubmissionRow] = []
     turn = max(turns.values(), default=0)
-    while heap:
+    while any(heaps.values()):
         while len(places) >= max(1, slots):
             ended = places.popleft()
-            count[ended] -= 1
-            if lines.get(ended):
-                heapq.heappush(heap, (rank(ended), ended))
-        ranked, owner = heapq.heappop(heap)
-        if not lines[owner] or ranked != rank(owner):
+            count.subtract(ended)
+            push(*ended)
+        if (address := pop("")) is None:
+            break
+        if (owner := pop(address)) is None:
             continue
         ordered.append(lines[owner].popleft())
         turn += 1
-        turns[owner] = turn
-        count[owner] += 1
-        places.append(owner)
-        if lines[owner]:
-            heapq.heappush(heap, (rank(owner), owner))
+        for name in (address, owner):
+            turns[name] = turn
+            count[name] += 1
+        places.append((address, owner))
+        push(address, owner)
     return ordered

@@ -20,7 +20,7 @@ from wrongturn_service.storage.models import AgentRow, EvaluationRow
 from wrongturn_service.web import junction_map, words
 from wrongturn_service.web.driven import Pair, driven_evaluation
 from wrongturn_service.web.front import FIRST
-from wrongturn_service.web.page import numbered_page, page
+from wrongturn_service.web.page import numbered_page, page, rendered, sent
 
 router = APIRouter(include_in_schema=False)
 _ROWS: Final = 100
@@ -39,23 +39,27 @@ async def agents(
     everybody: Annotated[bool, Query(alias="all")] = False,
 ) -> Response:
     """List the agents by name, some on each page: those that have begun an evaluation, or all of them."""
-    evaluated, registered = await service.finished.agent_counts()
-    total = registered if everybody else evaluated
-    pages = max(-(-total // _ROWS), 1)
-    number = numbered_page(wanted, pages)
-    rows = await service.finished.agents(everybody=everybody, offset=(number - 1) * _ROWS, limit=_ROWS)
-    return await asyncio.to_thread(
-        page,
-        request,
-        "agents.html",
-        agents=[(detail(row), suites) for row, suites in rows],
-        total=total,
-        everybody=everybody,
-        unevaluated=registered - evaluated,
-        number=number,
-        pages=pages,
-        words=words,
-    )
+
+    async def render() -> bytes:
+        evaluated, registered = await service.finished.agent_counts()
+        total = registered if everybody else evaluated
+        pages = max(-(-total // _ROWS), 1)
+        number = numbered_page(wanted, pages)
+        rows = await service.finished.agents(everybody=everybody, offset=(number - 1) * _ROWS, limit=_ROWS)
+        return await asyncio.to_thread(
+            rendered,
+            "agents.html",
+            request.url.path,
+            agents=[(detail(row), suites) for row, suites in rows],
+            total=total,
+            everybody=everybody,
+            unevaluated=registered - evaluated,
+            number=number,
+            pages=pages,
+            words=words,
+        )
+
+    return sent(request, await service.lists.get(("page", request.url.path, wanted, everybody), render))
 
 
 @router.api_route("/agents/{agent}", methods=["GET", "HEAD"])
