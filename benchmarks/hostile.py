@@ -16,7 +16,6 @@ stays more than 10 % above its beginning. ``--short`` sends a few small ones and
 this still runs.
 """
 
-import argparse
 import contextlib
 import http.client
 import json
@@ -36,6 +35,7 @@ from urllib.parse import urlsplit
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests/service"))
 
 import httpx
+from common import finish, parser
 from hostile_requests import HEAVY, Target, hostile_requests
 from service_harness import RunningService, expect
 
@@ -190,7 +190,7 @@ def running(folder: Path, *, short: bool) -> Iterator[RunningService]:
     """Run a service until the block ends."""
     service = RunningService(
         folder / "wrongturn.db",
-        simulators=SIMULATORS,
+        simulators=2 if short else SIMULATORS,
         registration_limit=10_000,
         trusted_proxies="127.0.0.1",
         log_level="error",
@@ -276,13 +276,10 @@ def idle(url: str, tokens: list[str], seconds: float) -> list[int]:
 
 def main() -> int:
     """Run the benchmark; return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--size", type=int, default=12_000_000, help="bytes of each request without an end")
-    parser.add_argument("--only", default="", help="a part of the names of those to send")
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--short", action="store_true", help="a few small requests, to see that it runs")
-    options = parser.parse_args()
-    sys.stdout.write(f"load: {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors\n")
+    asked = parser(__doc__)
+    asked.add_argument("--size", type=int, default=12_000_000, help="bytes of each request without an end")
+    asked.add_argument("--only", default="", help="a part of the names of those to send")
+    options = asked.parse_args()
     rows: list[dict[str, Any]] = []
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -293,14 +290,14 @@ def main() -> int:
         first, ids = (finished(service.url, agent.token) for agent in agents)
         started(service.url, agents[0].token, 1 if options.short else SIMULATORS)
         names = {"one": agents[0].id, "other": agents[1].id}
-        for path in HEAVY:  # what is kept of the first evaluation is no growth
+        heavy = HEAVY[:2] if options.short else HEAVY
+        for path in heavy:  # what is kept of the first evaluation is no growth
             many(service.url, path.format(**first, **names))
         target = Target(service, agents[0].token, agents[0].evaluate()["id"])
         bench = Bench(service, service.url, agents[1].token)
         stack.callback(bench.close)
         os.nice(19)
-        requests = hostile_requests(2_000_000 if options.short else options.size)
-        heavy = HEAVY[:2] if options.short else HEAVY
+        requests = hostile_requests(200_000 if options.short else options.size)
         for hostile in list(requests)[:: 12 if options.short else 1]:
             if options.only in hostile.name:
                 row = bench.measure(hostile.name, lambda hostile=hostile: hostile.send(target))
@@ -329,8 +326,7 @@ def main() -> int:
         last = bench.memory()
     first = rows[0]["memory_MB"]
     sys.stdout.write(f"memory: {first} MB at the beginning, {last / 1e6:.0f} MB at the end\n")
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=2))
+    finish({"attacks": rows}, options)
     if options.short:
         return 0 if rows and all(row["as_expected"] for row in rows) else 1
     good = all(
