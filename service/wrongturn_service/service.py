@@ -190,18 +190,18 @@ class Service:
         return None
 
     def check_disk(self) -> None:
-        """Check that the disks of home and database have their reserve. Raises ServiceError (507)."""
+        """Check that the disk of an SQLite database has its reserve. Raises ServiceError (507)."""
         file = file_of(parse(self.settings.database_url))
-        for folder in {self.settings.home, self.settings.home if file is None else file.parent}:
-            try:
-                check_disk(folder, self.settings.disk_reserve)
-            except OSError as error:
-                raise ServiceError(
-                    ProblemType.STORAGE_FAILED,
-                    "the disk of the service is nearly full, so it takes neither registrations nor practice; come "
-                    "back later, or ask the operator to make room or to lower WRONGTURN_DISK_RESERVE",
-                    status=507,
-                ) from error
+        try:
+            if file is not None:
+                check_disk(file.parent, self.settings.disk_reserve)
+        except OSError as error:
+            raise ServiceError(
+                ProblemType.STORAGE_FAILED,
+                "the disk of the service is nearly full, so it takes neither registrations nor practice; come back "
+                "later, or ask the operator to make room or to lower WRONGTURN_DISK_RESERVE",
+                status=507,
+            ) from error
 
     def cluster_changed(self) -> None:
         """Take over what the cluster's nodes are now."""

@@ -91,8 +91,8 @@ class Settings(BaseSettings):
     bytes_per_address: Annotated[int, Field(ge=1 << 20)] = 4 << 30
     """Bytes that may be stored for all owners that one address has registered."""
     disk_reserve: Annotated[int, Field(ge=0)] = 1 << 30
-    """Bytes that stay free on the disks of home and database, at most 5 % of a disk. With less free, registrations,
-    practice and models get 507 `storage-failed`; evaluations go on."""
+    """Bytes that stay free on the disks of home and SQLite database, at most 5 % of a disk. With less on the home's,
+    models get 507 `storage-failed`; with less on the database's, registrations and practice. Evaluations go on."""
     metrics_token: SecretStr | None = None
     """Bearer token for `GET /metrics`. The operator's opens it too. Without either, only programs of the service's own
     machine may read the metrics."""

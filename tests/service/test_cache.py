@@ -1,6 +1,7 @@
 """The cache of finished evaluations."""
 
 import asyncio
+from types import SimpleNamespace
 
 import pytest
 
@@ -22,6 +23,21 @@ async def test_the_work_is_done_once_for_all_who_wait():
     assert await asyncio.gather(*waiting[1:]) == ["result"] * 4
     assert await cache.get("key", make) == "result"
     assert made == [1]
+
+
+async def test_what_may_be_a_second_old_is_made_again_after_it_or_when_it_is_cleared(monkeypatch: pytest.MonkeyPatch):
+    cache, made, now = Cache(keep_s=1.0), [], [5.0]
+    monkeypatch.setattr("wrongturn_service.cache.time", SimpleNamespace(monotonic=lambda: now[0]))
+
+    async def make() -> int:
+        made.append(1)
+        return len(made)
+
+    assert [await cache.get("key", make) for _ in range(3)] == [1, 1, 1]
+    now[0] += 1
+    assert await cache.get("key", make) == 2
+    cache.clear()
+    assert await cache.get("key", make) == 3
 
 
 async def test_no_more_than_two_are_made_at_once():
