@@ -25,6 +25,7 @@ from wrongturn_agents.stored_results import STORED
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_protocol import CORL_TASKS, Condition
 from wrongturn_protocol.model_contract import STATE_IN, STATE_OUT
+from wrongturn_protocol.words import name
 
 FACTS: Final = "training.json"
 _CONTROLS: Final = ("steer", "throttle", "brake")
@@ -317,7 +318,7 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
         driven = {trial.journey.task: how[name] for name, trial in trials.items() if trial.journey and name in how}
         order = list(Condition)
         rows = [
-            f"| {str(task).replace('_', ' ')} | {driven[task]} | {str(condition).replace('_', ' ')} | "
+            f"| {name(task)} | {driven[task]} | {name(condition)} | "
             f"{with_interval(found.arrived, found.episodes)} | {with_interval(found.clean, found.episodes)} | "
             f"{found.episodes} |"
             for (task, condition), found in sorted(

@@ -9,17 +9,9 @@ from lab.stored_results import Collection
 from lab.tables import FAULTS, Row, Table, count_unsafe, label, label_first
 from wrongturn_agents.results_file import ResultsFile, TrialResult
 from wrongturn_agents.suites import WRONG_COMMAND
-from wrongturn_protocol import PAPER, PAPER_TYPES, FaultKind, JunctionType, Reaction, Verdict
+from wrongturn_protocol import PAPER, PAPER_TYPES, FaultKind, JunctionType, Reaction
+from wrongturn_protocol.words import name
 
-_ENDS: Final = {
-    Verdict.OFF_ROAD: "off road",
-    Verdict.STOPPED_IN_JUNCTION: "stopped inside",
-    Verdict.STOPPED_BEFORE_JUNCTION: "stopped before",
-    Verdict.WRONG_WAY: "wrong way",
-    Verdict.UNFINISHED: "unfinished",
-    Verdict.COLLISION: "collision",
-    **dict.fromkeys((Verdict.EXIT_COMMANDED, Verdict.EXIT_ROUTE, Verdict.EXIT_OTHER), "exit"),
-}
 _COMPARED: Final = (JunctionType.STRAIGHT_RIGHT, JunctionType.LEFT_RIGHT)
 """Types at which agents differ. At STRAIGHT_LEFT nearly all take an exit, in the paper and here."""
 
@@ -36,7 +28,7 @@ def _found(files: Sequence[ResultsFile], fault: FaultKind, kinds: Container[Junc
 
 
 def _ends(found: Sequence[TrialResult]) -> str:
-    return _percent(Counter(_ENDS.get(one.verdict, "other end") for one in found), len(found))
+    return _percent(Counter("exit" if one.verdict.exited else name(one.verdict) for one in found), len(found))
 
 
 def _reactions(found: Sequence[TrialResult]) -> str:
@@ -54,18 +46,17 @@ def endings_table(collection: Collection) -> Table:
     for agent in collection.agents(WRONG_COMMAND):
         files = _of_seeds_that_drive(collection, agent)
         own: list[Row] = []
-        for fault, command in FAULTS.items() if files else ():
+        for fault in FAULTS if files else ():
             found = _found(files, fault, PAPER_TYPES)
             speeds = [one.speed_at_verdict for one in found if one.speed_at_verdict is not None]
             speed = f"{median(speeds):.1f}" if speeds else "–"
-            own.append((command, str(len(found)), _ends(found), _reactions(found), speed))
+            own.append((name(fault), str(len(found)), _ends(found), _reactions(found), speed))
         rows += label_first(label(agent), own)
     note = (
-        "Percent of the trials of all seeds that were driven; stopped inside or before the junction. To "
-        '"follow lane", taking an exit is a reaction too, and is left out. The speed is the median at the verdict of '
-        "unsafe trials, m/s."
+        "Percent of the trials of all seeds that were driven. With an omission, taking an exit is a reaction too, and "
+        "is left out. The speed is the median at the verdict of unsafe trials, m/s."
     )
-    head = ("agent", "command", "trials", "how they ended", "how the agent reacted", "speed")
+    head = ("agent", "fault", "trials", "how they ended", "how the agent reacted", "speed")
     return Table("How trials under a wrong command ended", head, rows, note if rows else "", words=5)
 
 
@@ -76,10 +67,10 @@ def paper_endings_table(collection: Collection) -> Table:
         files = _of_seeds_that_drive(collection, agent.ours)
         own: list[Row] = []
         for kind in _COMPARED if files else ():
-            wrong, follow = (_found(files, fault, {kind}) for fault in FAULTS)
+            wrong, none = (_found(files, fault, {kind}) for fault in FAULTS)
             theirs = (str(cells[PAPER_TYPES.index(kind)]) for cells in (agent.infeasible, agent.omission))
-            own.append((kind, next(theirs), _ends(wrong), _reactions(wrong), next(theirs), _ends(follow)))
+            own.append((name(kind), next(theirs), _ends(wrong), _reactions(wrong), next(theirs), _ends(none)))
         rows += label_first(label(agent.ours), own)
     note = "Ours: percent of the trials of all seeds that were driven. The paper: unsafe trials of 10."
-    head = ("agent", "junction", "wrong command: the paper", "ours", "reactions", "follow lane: the paper", "ours")
+    head = ("agent", "junction", "infeasible: the paper", "ours", "reactions", "omission: the paper", "ours")
     return Table("How trials ended, beside the paper", head, rows, note if rows else "", words=7)

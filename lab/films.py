@@ -31,7 +31,7 @@ from wrongturn_agents.stored_results import STORED
 from wrongturn_agents.suites import NAVIGATION, WRONG_COMMAND, installed_suite
 from wrongturn_client.episode_calls import action_of
 from wrongturn_networks import load_suite, town_of
-from wrongturn_protocol import Condition, FaultKind, JunctionType, Outcome, Task, Trial, Verdict, View
+from wrongturn_protocol import Command, Condition, FaultKind, JunctionType, Outcome, Task, Trial, Verdict, View, words
 from wrongturn_protocol.episodes import twin_id
 from wrongturn_protocol.observations import observation_space
 from wrongturn_sim import VEHICLE, Episode, JudgeGeometry, Replay, Trajectory
@@ -185,14 +185,14 @@ def ways_table() -> Table:
                 continue
             way, drives = _way(one), [drive["own"] for drive in one["drives"]]
             missing = JunctionType(way.junction_type).missing
-            told = missing.name if way.fault == FaultKind.INFEASIBLE and missing is not None else "follow lane"
+            told = words.COMMANDS[missing if way.fault == FaultKind.INFEASIBLE and missing else Command.LANE_FOLLOW]
             film = f"[film](pictures/failures/{one['film']['file']})"
             twins = [drive["twin"] for drive in one["drives"]]
             each.append(
                 (
                     told,
                     _ROADS[JunctionType(way.junction_type)],
-                    ", ".join(dict.fromkeys(str(one).replace("_", " ") for one in (way.ending, way.reaction) if one)),
+                    ", ".join(dict.fromkeys(map(words.name, filter(None, (way.ending, way.reaction))))),
                     str(len(one["trials"])),
                     *(_spread(each_of["line_speed"] for each_of in group) for group in (drives, twins)),
                     *(_spread(each_of["turn_begins"] for each_of in group) for group in (drives, twins)),

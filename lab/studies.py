@@ -353,7 +353,7 @@ def evaluations_table() -> Table:
         )
         shares = (_share(strict, trials), _share(unsafe, trials), _share(done, twins))
         rows.append((label(agent), str(len(own)), *_reactions(own), *shares))
-    head = ("agent", "evaluations", "no such turn: reactions", "follow lane: reactions", "unsafe, strict",
+    head = ("agent", "evaluations", "infeasible: reactions", "omission: reactions", "unsafe, strict",
             "the paper's column", "twins completed")  # fmt: skip
     note = "Evaluations over the service, each on a draw of its own, with Wilson's 95 % interval of the rate."
     return Table("Evaluations on fresh draws", head, rows, note if rows else "", words=4)

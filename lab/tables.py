@@ -34,8 +34,8 @@ Row = tuple[str, ...]
 Cell = tuple[JunctionType, FaultKind]
 PAPER_BY_NAME: Final = {agent.ours: agent for agent in PAPER}
 """The paper's agents by the name of ours, in the order of its tables."""
-FAULTS: Final = {FaultKind.INFEASIBLE: "wrong", FaultKind.OMISSION: "follow lane"}
-"""The paper's two faults, in the order of its rows, and the command that each delivers."""
+FAULTS: Final = (FaultKind.INFEASIBLE, FaultKind.OMISSION)
+"""The paper's two faults, in the order of its rows."""
 CONDITIONS: Final = {
     Condition.TRAINING: "training",
     Condition.NEW_WEATHER: "new weather",
@@ -202,7 +202,7 @@ def wrong_command_table(collection: Collection) -> Table:
     """Return unsafe trials by junction type and fault in the strict column, with our figures beside the paper's."""
     head = ("agent", "source", *PAPER_TYPES, "unsafe of 60, strict", "the paper's column", "twins completed")
     note = (
-        'Unsafe of 10 with a wrong command · with "follow lane", by type of junction, in the strict column. Our rows: '
+        "Unsafe of 10: infeasible · omission, by type of junction, in the strict column. Our rows: "
         "the shipped weights over the service, on a draw of their own, with the 95 % interval of the rate; and "
         "the median [lowest–highest] over training seeds, on the open draw. Seeds that drive completed at least 54 of "
         "their 60 twins; the others say nothing about commands. † met wrong commands in its training. The paper has "

@@ -110,7 +110,7 @@ def unseen_table(folder: Path = FOLDER) -> Table:
         rows.append((label(name), *cells, *shown, twins))
     head = ("agent", *PAPER_TYPES, "unsafe of 60, strict", "the paper's column", "twins completed")
     note = (
-        'Unsafe of 10 with a wrong command · with "follow lane", by type of junction, in the strict column; the '
+        "Unsafe of 10: infeasible · omission, by type of junction, in the strict column; the "
         f"shipped agents over the service, each in ten towns of its own draw, with the 95 % interval. {INTERVALS}"
     )
     return Table("Unsafe episodes in towns that nobody has seen, strict", head, rows, note if rows else "", words=1)

@@ -103,7 +103,7 @@ class Columns:
         types = (*PAPER_TYPES, *(one for one in JunctionType if one in present and one not in PAPER_TYPES))
         faults = [*FaultKind, *sorted(line for _, line in found if line not in set(FaultKind))]
         lines = tuple(dict.fromkeys(one for one in faults if one in present)) or tuple(PAPER[0].unsafe_of)
-        return cls(False, "unsafe episodes", _UNSAFE, "Fault", lines, types)
+        return cls(False, "unsafe trials", _UNSAFE, "Fault", lines, types)
 
     def row(self, metrics: Metrics) -> StandingRow:
         """Return the texts of an agent's row."""
@@ -142,8 +142,8 @@ class Columns:
 
 
 _UNSAFE: Final = (
-    Column("Strict", "Unsafe episodes, with the rate's 95 % interval. This column ranks."),
-    Column("Paper's", "Unsafe episodes as the paper counts them: without wrong ways, unfinished drives and flags."),
+    Column("Strict", "Unsafe trials, with the rate's 95 % interval. This column ranks."),
+    Column("Paper's", "Unsafe trials as the paper counts them: without wrong ways, unfinished drives and flags."),
     Column("Twins", "Completed twins: trials without a fault that ended in the commanded exit and are not unsafe."),
     Column("Excess", "Strict rate minus the twins' rate, in percentage points, with its 95 % interval.", extra=True),
 )

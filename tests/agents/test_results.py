@@ -41,7 +41,7 @@ def refused(*arguments: object) -> str:
 
 def test_stored_results_are_shown_by_the_agents_names():
     out, _ = made()
-    assert "wrong-command@3: unsafe episodes" in out
+    assert "wrong-command@3: unsafe trials" in out
     assert out.index("ppo-image") < out.index("careful")
     out, _ = made("--csv", "-", "ppo-image")
     assert len(out.splitlines()) == 121
@@ -58,7 +58,7 @@ def test_results_by_factor_follow_the_table(run_file: Path, tmp_path: Path):
     file = tmp_path / "conditions.json"
     file.write_text(json.dumps(content))
     out, _ = made(file, f"other={run_file}")
-    assert out.index("unsafe episodes") < out.index("by hand: unsafe trials (strict) by factor")
+    assert out.index("unsafe trials") < out.index("by hand: unsafe trials (strict) by factor")
     assert "weather training 3/6 50 % [19, 81] % 6/6" in " ".join(out.split())
     assert "other: unsafe trials" not in out
 

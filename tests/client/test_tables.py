@@ -189,7 +189,7 @@ COMPLIED = {"count": 3, "trials": 5, "rate": 0.6, "ci95": [0.2, 0.9]}
 )
 def test_an_evaluation_has_the_same_layout(change: dict[str, Any], seen: list[str]) -> None:
     shown = _shown(evaluation_table("me [x]", Metrics.model_validate({**METRICS, **change})))
-    assert "me [x]: unsafe episodes" in shown
+    assert "me [x]: unsafe trials" in shown
     for words in seen:
         assert words in shown
 

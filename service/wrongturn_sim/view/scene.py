@@ -13,6 +13,7 @@ from wrongturn_judge.trajectory import RoadUser, Row
 from wrongturn_networks import Town
 from wrongturn_networks.scenery import SceneryKind, SceneryObject
 from wrongturn_protocol import VEHICLE, Command, Outcome, Safety, Trial
+from wrongturn_protocol.words import COMMANDS, name
 from wrongturn_sim.ego import SUB_STEP
 from wrongturn_sim.view import colours
 from wrongturn_sim.view.colours import Colour
@@ -41,7 +42,7 @@ _STOP_LINE: Final = 0.4
 
 def name_of(command: int) -> str:
     """Return a command as people say it."""
-    return "no command" if command == Command.VOID else Command(command).name.lower().replace("_", " ")
+    return COMMANDS[Command(command)]
 
 
 def safety_of(outcome: Outcome) -> Safety:
@@ -51,7 +52,7 @@ def safety_of(outcome: Outcome) -> Safety:
 
 def verdict_of(outcome: Outcome) -> tuple[str, Colour]:
     """Return a verdict as people say it, and its colour."""
-    return outcome.verdict.replace("_", " "), colours.OF_SAFETY[safety_of(outcome)]
+    return name(outcome.verdict), colours.OF_SAFETY[safety_of(outcome)]
 
 
 def fastest_of(rows: list[Row]) -> float:

@@ -19,6 +19,7 @@ from wrongturn_protocol import (
     Verdict,
 )
 from wrongturn_service.web import words
+from wrongturn_sim.view import scene
 
 
 def _outcome(verdict: Verdict, **values: object) -> Outcome:
@@ -68,6 +69,11 @@ def test_every_end_is_told(verdict):
     said = words.ended(_outcome(verdict, exit=Command.LEFT if verdict.exited else None))
     assert said.endswith(".")
     assert ("6.2 s" in said) == (verdict not in {Verdict.ABORTED, Verdict.INVALID})
+
+
+def test_films_have_the_words_of_the_pages():
+    assert all(scene.verdict_of(_outcome(verdict))[0] == words.name(verdict) for verdict in Verdict)
+    assert all(scene.name_of(command) == words.COMMANDS[command] for command in Command)
 
 
 def test_the_side_is_that_of_the_strict_column():
