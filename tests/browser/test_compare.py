@@ -38,6 +38,8 @@ def test_a_wrong_choice_is_told_above_the_form_which_stays(visit: Visit, site: S
     page = visit(f"{PATH}?a=careful&b=nobody", status=404)
     assert "'nobody' has no finished evaluation" in page.get_by_role("alert").inner_text()
     assert page.get_by_label("Agent", exact=True).input_value() == site.agents["careful"]
+    page = visit(f"{PATH}?a=careful&b={'x' * 200}", status=404)
+    assert "has no finished evaluation" in page.get_by_role("alert").inner_text()
     page = visit(f"{PATH}?a=careful&b={site.agents['careful']}", status=422)
     assert page.get_by_role("alert").inner_text() == "That is the same agent twice. Choose two different ones."
     assert page.get_by_role("button", name="Compare").is_visible()

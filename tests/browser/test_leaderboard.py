@@ -1,8 +1,14 @@
 """The pages of the leaderboards."""
 
+import json
+from pathlib import Path
+
 import pytest
 from filled_site import SUITE, Site
 from visiting import Accessible, Visit
+
+from wrongturn_protocol import LeaderboardEntry, Metrics
+from wrongturn_service.web import plane
 
 BOARD = f"/leaderboards/{SUITE}"
 
@@ -47,6 +53,8 @@ def test_the_first_line_says_how_many_agents_are_ranked(visit: Visit, site: Site
         count = sum(entry["agent"]["track"] == track for entry in ranked)
         first = next(entry["agent"]["name"] for entry in ranked if entry["agent"]["track"] == track)
         assert f"in the {track} track: {first}" in line
+        strict = next(entry["unsafe_strict"] for entry in ranked if entry["agent"]["name"] == first)
+        assert f"{first}, unsafe {strict['count']}/{strict['trials']}, [" in line
         assert ("the only ranked agent" if count == 1 else f"of {count} ranked agents") in line
 
 
@@ -128,6 +136,31 @@ def test_the_plane_has_a_mark_for_each_agent(visit: Visit, site: Site):
     assert {"careful", "obeys-blindly"} <= {label.split(" +")[0] for label in labels}
 
 
+@pytest.mark.parametrize("width", [400, 1000])
+def test_no_label_of_a_full_plane_covers_a_mark_or_another_label(visit: Visit, site: Site, width: int):
+    entry = LeaderboardEntry.model_validate(site.get(f"/v1{BOARD}")["entries"][0])
+    entries = []
+    for file in sorted((Path(__file__).parents[2] / "lab/stored/unseen").glob("*.json")):
+        stored = json.loads(file.read_text("utf-8"))
+        found = Metrics.model_validate(stored["metrics"])
+        agent = entry.agent.model_copy(update={"name": stored["agent"]})
+        entries.append(
+            entry.model_copy(update={"agent": agent, "unsafe_strict": found.unsafe_strict, "twins": found.twins})
+        )
+    page = visit(BOARD, width=width)
+    page.locator("figure.plane").evaluate("(old, drawn) => old.outerHTML = drawn", plane.figure(entries))
+    drawn = page.locator("figure.plane > svg").locator("visible=true")
+    edges = "items => items.map(item => item.getBoundingClientRect())"
+    labels = drawn.locator("path.mark + text").evaluate_all(edges)
+    marks = drawn.locator("path.mark").evaluate_all(edges)
+    assert len(labels) >= 8
+    for number, label in enumerate(labels):
+        for other in labels[:number] + marks:
+            beside = label["right"] <= other["left"] or other["right"] <= label["left"]
+            # A line's box is higher than its letters.
+            assert beside or label["bottom"] <= other["top"] + 4 or other["bottom"] <= label["top"] + 4
+
+
 def test_the_address_of_the_service_shows_the_unseen_towns_and_leads_to_the_papers_suite(
     visit: Visit, accessible: Accessible
 ):
@@ -154,4 +187,5 @@ def test_an_empty_board_says_what_to_do(visit: Visit):
     assert "No evaluation on this suite has been finished yet." in page.inner_text("main")
     link = page.locator("main").get_by_role("link", name="Hand in an agent")
     assert link.evaluate("link => link.pathname") == "/submit"
+    assert "wrongturn run careful --suite navigation@1 --url" in page.inner_text("p.notice")
     assert "82" in page.locator("tbody.paper").text_content()

@@ -51,7 +51,9 @@ def test_the_leaderboard_has_a_csv_without_scripts(site: Site):
 
 def test_every_page_leads_to_the_citation(visit: Visit, accessible: Accessible):
     page = visit("/suites", width=400)
-    assert "wrong" in page.locator("meta[name=description]").get_attribute("content")
+    said = page.locator("meta[name=description]").get_attribute("content")
+    assert said
+    assert said == page.locator("meta[property='og:description']").get_attribute("content")
     assert page.locator("meta[property='og:title']").get_attribute("content") == page.title()
     page.get_by_role("link", name="Cite").click()
     accessible(page)
@@ -62,6 +64,8 @@ def test_every_page_leads_to_the_citation(visit: Visit, accessible: Accessible):
     assert CITATION["license"] in shown
     assert paper["title"] in shown
     assert str(paper["year"]) in shown
+    assert paper["url"] in shown
+    assert page.locator(f"a[href='{paper['url']}']").count() == 1
     assert all(f"{author['family-names']}, {author['given-names']}" in shown for author in paper["authors"])
 
 
@@ -96,5 +100,9 @@ def test_a_failed_trial_loops_beside_the_question_and_can_be_stopped(visit: Visi
     figure = page.locator("figure.failed")
     assert "obeys-blindly" in figure.inner_text()
     assert not figure.locator(".car").is_visible()  # the tests' browser wants no motion
+    page.emulate_media(reduced_motion="no-preference")
+    figure.locator("svg").evaluate("picture => picture.setCurrentTime(0)")
+    whole, car = (figure.locator(part).bounding_box() for part in ("svg", ".car rect"))
+    assert car["y"] < whole["y"] + whole["height"]  # the loop begins where the car comes into the picture
     figure.get_by_role("button", name="Pause").click()
     assert figure.locator("svg").evaluate("picture => picture.animationsPaused()")

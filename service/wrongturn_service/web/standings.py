@@ -57,6 +57,8 @@ class First(NamedTuple):
 
     track: str
     names: tuple[str, ...]
+    figure: str
+    """The figure of the first of them that ranks, with its 95 % interval."""
     ranked: int
     """Number of agents with a rank in this track."""
 
@@ -103,7 +105,7 @@ def standings(
         columns=columns,
         ranked=tuple(group for group in groups if not group.note),
         folded=tuple(group for group in groups if group.note),
-        first=tuple(_first(board)),
+        first=tuple(_first(board, columns)),
         shown=len(entries),
         page=page,
         pages=page_count(entries),
@@ -120,12 +122,13 @@ def page_count(entries: Sequence[LeaderboardEntry]) -> int:
     return max(1, -(-len(entries) // ROWS))
 
 
-def _first(board: Leaderboard) -> Iterator[First]:
+def _first(board: Leaderboard, columns: Columns) -> Iterator[First]:
     for track in Track:
         ranked = [entry for entry in board.entries if entry.rank is not None and entry.agent.track is track]
         if ranked:
-            names = tuple(entry.agent.name for entry in ranked if entry.rank == 1)
-            yield First(f"{track} track", names, len(ranked))
+            best = [entry for entry in ranked if entry.rank == 1]
+            figure = columns.row(best[0]).figures[0]
+            yield First(f"{track} track", tuple(map(name_of, best)), f"{figure.main}, {figure.interval}", len(ranked))
 
 
 def _groups(entries: Sequence[LeaderboardEntry], columns: Columns) -> Iterator[Group]:
