@@ -43,15 +43,17 @@ def test_a_suite_of_journeys_has_tasks_and_conditions(visit: Visit):
 
 def test_the_commands_carry_this_services_address(visit: Visit, site: Site):
     commands = visit("/submit").locator("pre").all_inner_texts()
-    assert f"wrongturn submit my_agent.onnx --suite wrong-command-unseen@1 --url {site.url}" in commands[0]
-    assert all(site.url in command for command in commands)
+    assert f"wrongturn submit my_agent.onnx --suite wrong-command-unseen@1 --url {site.url}" in commands
+    calls = [command for command in commands if any(word in command for word in ("--suite", "curl", "Client("))]
+    assert len(calls) == 4
+    assert all(site.url in command for command in calls)
 
 
 def test_the_suite_is_chosen_without_scripts(visit: Visit):
     page = visit("/submit", javascript=False)
     page.get_by_label("Suite").select_option("smoke@3")
     page.get_by_role("button", name="Show the commands").click()
-    assert "--suite smoke@3" in page.locator("pre").first.inner_text()
+    assert "--suite smoke@3" in page.locator("pre", has_text="wrongturn submit").inner_text()
     assert page.get_by_label("Suite").input_value() == "smoke@3"
 
 
