@@ -10,6 +10,7 @@ import pytest
 
 from wrongturn_networks import load_town
 from wrongturn_protocol import FaultKind, JunctionType, Track, Traffic, Verdict, View, Weather
+from wrongturn_protocol.words import name
 from wrongturn_sim import Episode, Trajectory, TrajectoryError
 from wrongturn_sim.errors import FilmError, ViewError
 from wrongturn_sim.replay import Replay
@@ -215,7 +216,7 @@ class TestShown:
             picture=tmp_path / "p.png",
             size=160,
         )
-        assert f"{left.trajectory.trial.id}, {left.outcome.verdict}" in lines[0]
+        assert f"{left.trajectory.trial.id}, {name(left.outcome.verdict)}" in lines[0]
         assert f"{len(left) + HELD} frames" in lines[1]
         assert np.array_equal(cv2.imread(str(tmp_path / "p.png"))[:, :, ::-1], left.picture(160))
 

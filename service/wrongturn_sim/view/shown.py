@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 
-from wrongturn_protocol import Outcome, View
+from wrongturn_protocol import Outcome, View, words
 from wrongturn_sim.errors import ViewError
 from wrongturn_sim.replay import PICTURE_SIZE, SIZE, Replay
 from wrongturn_sim.view.film import check_film
@@ -42,7 +42,7 @@ def show(
     beside = None if twin is None else Replay.from_json(*twin, f"{agent}, twin without the fault")
     said = list(replay.notes)
     name = replay.trajectory.trial.id
-    ending = "" if outcome is None else f", {outcome.verdict}"
+    ending = "" if outcome is None else f", {words.name(outcome.verdict)}"
     if picture is not None:
         _write(picture, replay, size or PICTURE_SIZE)
         said.append(f"{picture}: {name}{ending}, from above")
