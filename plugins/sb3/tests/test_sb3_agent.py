@@ -145,5 +145,5 @@ def test_files_that_are_no_model(tmp_path):
 def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
     (tmp_path / "agent.zip").touch()
     monkeypatch.setattr("wrongturn_agents.registry.FILES", "nobody.drives")
-    with pytest.raises(MissingPackageError, match=r"needs wrongturn-sb3; .*'wrongturn-agents\[training\]'"):
+    with pytest.raises(MissingPackageError, match=r"needs wrongturn-sb3; install it with: .*agents\[training\]"):
         resolve(str(tmp_path / "agent.zip"))

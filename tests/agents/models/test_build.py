@@ -33,6 +33,6 @@ def test_an_algorithm_that_is_not_there_is_refused():
 
 def test_without_transformers_it_says_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "transformers", None)
-    with pytest.raises(ModuleNotFoundError, match=r"transformers; install it with: .*'wrongturn-agents\[training\]'"):
+    with pytest.raises(ModuleNotFoundError, match=r"transformers; install it with: .*agents\[training\]"):
         build("ppo-image")
     build("ppo-segmentation")  # needs none of it
