@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import functools
+import re
 import tempfile
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
@@ -115,3 +116,8 @@ async def until(condition: Callable[[], bool]) -> None:
             return
         await asyncio.sleep(0.01)
     raise AssertionError("it has not happened within a minute")
+
+
+def without_own_script(page: str) -> str:
+    """Return a page without the script that all pages have, so that any other one shows."""
+    return re.sub(r'<script type="module" src="[./]+/static/page\.js"></script>', "", page)

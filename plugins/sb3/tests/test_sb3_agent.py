@@ -16,6 +16,7 @@ from wrongturn_agents import cli, resolve
 from wrongturn_agents.errors import AgentFailedError, MissingPackageError, ModelFileError
 from wrongturn_agents.training.action import ACTION_SPACE, controls
 from wrongturn_protocol import AgentKind, Track
+from wrongturn_protocol.installing import install
 from wrongturn_protocol.observations import action_space, observation_space
 from wrongturn_protocol.wrappers import CarFrame, DiscreteActions, SteerAndPedal
 
@@ -145,5 +146,6 @@ def test_files_that_are_no_model(tmp_path):
 def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
     (tmp_path / "agent.zip").touch()
     monkeypatch.setattr("wrongturn_agents.registry.FILES", "nobody.drives")
-    with pytest.raises(MissingPackageError, match=r"needs wrongturn-sb3; install it with: .*agents\[training\]"):
+    advice = re.escape(install("wrongturn-agents[training]"))
+    with pytest.raises(MissingPackageError, match=f"needs wrongturn-sb3; install it with: {advice}"):
         resolve(str(tmp_path / "agent.zip"))

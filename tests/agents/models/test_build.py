@@ -1,3 +1,4 @@
+import re
 import sys
 
 import pytest
@@ -5,6 +6,7 @@ import torch
 from small_networks import small_networks
 
 from wrongturn_agents.models import ALGORITHMS, build
+from wrongturn_protocol.installing import install
 
 
 def test_a_seed_gives_the_same_weights_and_leaves_torchs_own_alone():
@@ -32,7 +34,8 @@ def test_an_algorithm_that_is_not_there_is_refused():
 
 
 def test_without_transformers_it_says_how_to_get_it(monkeypatch):
+    advice = re.escape(install("wrongturn-agents[training]"))
     monkeypatch.setitem(sys.modules, "transformers", None)
-    with pytest.raises(ModuleNotFoundError, match=r"transformers; install it with: .*agents\[training\]"):
+    with pytest.raises(ModuleNotFoundError, match=f"transformers; install it with: {advice}"):
         build("ppo-image")
     build("ppo-segmentation")  # needs none of it

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from app_harness import application
+from app_harness import application, without_own_script
 from journey_suite import SUITE as JOURNEYS
 from journey_suite import put_among_the_suites
 from service_harness import expect
@@ -88,7 +88,7 @@ async def test_words_of_strangers_are_only_words(tmp_path: Path):
         )
         await store_evaluation(http.service, agent, load_suite(SUITE))
         page = await shown(http, f"/agents/{agent}")
-        assert "<script>" not in page
+        assert "<script" not in without_own_script(page)
         assert "&lt;script&gt;alert(1)&lt;/script&gt; {{ 7 * 7 }}" in page
         link = re.search(r'<a href="(https://example.org[^"]*)" rel="([^"]*)"', page)
         assert link is not None
@@ -97,9 +97,9 @@ async def test_words_of_strangers_are_only_words(tmp_path: Path):
         for path in (f"/agents/{wanted}", f"/agents/{agent}?verdict={wanted}", f"/agents/{agent}?suite={wanted}"):
             reply = await http.get(path)
             assert reply.status_code in {404, 422}
-            assert "<script>" not in reply.text
+            assert "<script" not in without_own_script(reply.text)
         page = await shown(http, f"/leaderboards/{SUITE}/compare?a=%22%3E{wanted}", status=404)
-        assert "<script>" not in page
+        assert "<script" not in without_own_script(page)
 
 
 async def test_an_agent_that_gave_up_has_no_paths_but_every_trial(tmp_path: Path):
