@@ -10,10 +10,10 @@ step. The attacking process has the lowest priority, since attackers have machin
 *Longest* is the longest wait for a step. *Own* is what would be left of it on a machine with nothing else to do: at
 most the wait without the time in which the client, the service or a simulator was ready and had no core, and at most
 the time that all their threads computed meanwhile (``schedstat``). *Reset* is the longest wait for a reset, which waits
-for the disk too, and comes back as it is told while all simulators are busy. The exit status is 1 if an answer is not
-the expected one, if *own* is more than 0.25 s, if a reset beside the idle agents takes more than 1 s, or if the memory
-stays more than 10 % above its beginning. ``--short`` sends a few small ones and judges the answers alone, to see that
-this still runs.
+for the disk too. While all simulators are busy, the client sends its reset again after the time that the reply names.
+The exit status is 1 if an answer is not the expected one, if *own* is more than 0.25 s, if a reset beside the idle
+agents takes more than 1 s, or if the memory stays more than 10 % above its beginning. ``--short`` sends a few small
+ones and judges the answers alone, to see that this still runs.
 """
 
 import contextlib

@@ -15,7 +15,10 @@ _DECISION_S = 0.1
 
 @dataclass(frozen=True)
 class TrackerGains:
-    """Settings of the controllers, by default those of the shipped agent ``lbc``. There are no derivative parts."""
+    """Settings of the controllers, by default those of the shipped agent ``lbc``.
+
+    As in the authors' program, there are no derivative parts.
+    """
 
     steer: tuple[float, float] = (0.9, 0.1)
     """Proportional and integral gain of the steering."""

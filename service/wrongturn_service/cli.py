@@ -153,7 +153,7 @@ def _signing_key(file: Path | None) -> tuple[str, bool, str, str]:
     try:
         key_in(file)
     except ValueError as error:
-        return ("signing key", False, str(error), "correct it; see docs/certificates.md")
+        return "signing key", False, str(error), "correct it; see docs/certificates.md"
     return "signing key", True, f"in {file}; backups do not hold it", ""
 
 

@@ -63,11 +63,10 @@ class Machine:
         """
         wanted = max(_LEAST_SIMULATORS, PER_CORE * self.processors())
         memory = self.memory()
-        return (
-            max(1, min(wanted, (memory - _SERVICE - sandboxes * SANDBOX_MEMORY) // SIMULATOR_MEMORY - 1))
-            if memory
-            else wanted
-        )
+        if not memory:
+            return wanted
+        room = memory - _SERVICE - sandboxes * SANDBOX_MEMORY
+        return max(1, min(wanted, room // SIMULATOR_MEMORY - 1))
 
     def gateway(self) -> str | None:
         """Return the IPv4 address of the default gateway, which in a container is its host; None if there is none."""

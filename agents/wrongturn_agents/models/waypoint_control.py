@@ -1,40 +1,28 @@
 """From waypoints to controls: the controllers of "Learning by Cheating" (CoRL 2019), for our car."""
 
-from dataclasses import dataclass
 from typing import Final
 
 import torch
 from torch import Tensor, nn
 
 from wrongturn_agents.models.waypoints import APART, COUNT
+from wrongturn_client.tracking import TrackerGains
 from wrongturn_protocol.vehicle import VEHICLE
 
 MEMORY: Final = 2
 """Numbers that the controllers remember: the mean errors of steering and of speed. They begin with zeros."""
 
 
-@dataclass(frozen=True)
-class Gains:
-    """Settings of the controllers. As in the authors' program, there are no derivative parts."""
-
-    steer: tuple[float, float] = (0.9, 0.1)
-    """Proportional and integral gain of the steering."""
-    speed: tuple[float, float] = (0.8, 0.2)
-    """Proportional and integral gain of the speed: acceleration in m/s² for an error of 1 m/s."""
-    aim: int = 2
-    """The car steers for this waypoint; 1 is the nearest."""
-    lasting: float = 2.0
-    """Time over which errors are averaged for the integral parts, seconds."""
-    standing: float = 0.4
-    """Below this speed the car should stand, m/s: it brakes fully."""
-
-
 class WaypointControl(nn.Module):
-    """Follows waypoints: a controller for the steering and one for the speed."""
+    """Follows waypoints: a controller for the steering and one for the speed.
 
-    def __init__(self, gains: Gains | None = None) -> None:
+    It aims at the waypoint whose time is nearest to the gains'. :class:`wrongturn_client.Tracker` is the same without
+    torch.
+    """
+
+    def __init__(self, gains: TrackerGains | None = None) -> None:
         super().__init__()
-        self.gains = gains or Gains()
+        self.gains = gains or TrackerGains()
 
     def forward(self, waypoints: Tensor, speed: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
         """Return steer, throttle and brake (B, 3), and the new memory (B, MEMORY).
@@ -42,8 +30,9 @@ class WaypointControl(nn.Module):
         Waypoints (B, 5, 2) are forward and left of the body's centre, metres; the speed is (B, 1), m/s.
         """
         gains = self.gains
-        errors = torch.stack([steering_to(waypoints[:, gains.aim - 1]), mean_speed(waypoints) - speed[:, 0]], 1)
-        means = memory + (errors - memory) * (0.1 / gains.lasting)
+        aim = waypoints[:, round(gains.aim_s / APART) - 1]
+        errors = torch.stack([steering_to(aim), mean_speed(waypoints) - speed[:, 0]], 1)
+        means = memory + (errors - memory) * (0.1 / gains.lasting_s)
         steer = gains.steer[0] * errors[:, 0] + gains.steer[1] * means[:, 0]
         pull = gains.speed[0] * errors[:, 1] + gains.speed[1] * means[:, 1]
         pull = torch.where(mean_speed(waypoints) < gains.standing, torch.full_like(pull, -VEHICLE.braking), pull)

@@ -10,6 +10,7 @@ from wrongturn_protocol.standing_rows import leaderboard_csv
 from wrongturn_service.api.dependencies import ServiceDep, reply, weights
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.encoding import Encoding
+from wrongturn_service.service import Service
 
 router = APIRouter(prefix="/v1/leaderboards", tags=["leaderboards"], route_class=Route)
 
@@ -25,6 +26,14 @@ _SHOWN = described(Leaderboard, 404)
 _SHOWN["responses"][200]["content"] = {Encoding.JSON.value: {}, _CSV: {"schema": {"type": "string"}}}
 
 
+async def csv_of(service: Service, suite: str) -> str:
+    """Return a leaderboard as CSV, a row for each agent. Raises NotFoundError."""
+    board = await service.leaderboards.board(suite)
+    key = ("csv", service.leaderboards.generation, suite)
+    rows: str = await service.cache.get(key, lambda: asyncio.to_thread(leaderboard_csv, board))
+    return rows
+
+
 @router.get("/{suite}", **_SHOWN)
 async def leaderboard(service: ServiceDep, request: Request, suite: str) -> Response:
     """Show the ranking on a suite. The first evaluation that an agent finishes counts.
@@ -34,10 +43,7 @@ async def leaderboard(service: ServiceDep, request: Request, suite: str) -> Resp
     varies = {"Vary": "Accept"}
     wanted = dict(weights(request.headers.get("accept", "")))
     if wanted.get(_CSV, 0.0) > wanted.get(Encoding.JSON, 0.0):
-        key = ("csv", service.leaderboards.generation, suite)
-        board = await service.leaderboards.board(suite)
-        rows = await service.cache.get(key, lambda: asyncio.to_thread(leaderboard_csv, board))
-        return Response(rows, media_type=_CSV, headers=varies)
+        return Response(await csv_of(service, suite), media_type=_CSV, headers=varies)
     return Response(await service.leaderboards.body(suite), media_type=Encoding.JSON, headers=varies)
 
 

@@ -243,6 +243,11 @@ class IdempotencyRow(Base):
     stored_bytes: Mapped[int] = _bytes()
 
 
+def names_of(owner: str, origin: str | None) -> tuple[str, str]:
+    """Return an owner's address and the owner, who take turns. An owner without an address has one of its own."""
+    return f"at {origin or owner}", owner
+
+
 class SubmissionRow(Base):
     """A model that was handed in. The row stays when the model and the log are deleted."""
 
@@ -284,8 +289,8 @@ class SubmissionRow(Base):
 
     @property
     def names(self) -> tuple[str, str]:
-        """The address that registered its owner, and its owner, who take turns. An owner without one has its own."""
-        return f"at {self.owner.origin or self.owner_id}", self.owner_id
+        """Who takes turns with others for it, see :func:`names_of`."""
+        return names_of(self.owner_id, self.owner.origin)
 
 
 class SubmissionLogRow(Base):

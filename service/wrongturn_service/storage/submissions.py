@@ -20,6 +20,7 @@ from wrongturn_service.storage.models import (
     OwnerRow,
     SubmissionLogRow,
     SubmissionRow,
+    names_of,
 )
 from wrongturn_service.storage.queries import Queries, next_number
 from wrongturn_service.storage.usage import ROW, SUBMISSION, size_of
@@ -160,11 +161,15 @@ class SubmissionStore(Queries):
 
         A turn is the number of the submission's evaluation. Names that were never served are left out.
         """
-        query = select(SubmissionRow, EvaluationRow.seq).join(
-            EvaluationRow, EvaluationRow.id == SubmissionRow.evaluation_id
+        turn = func.max(EvaluationRow.seq)
+        query = (
+            select(OwnerRow.id, OwnerRow.origin, turn)
+            .join(SubmissionRow, SubmissionRow.owner_id == OwnerRow.id)
+            .join(EvaluationRow, EvaluationRow.id == SubmissionRow.evaluation_id)
+            .group_by(OwnerRow.id, OwnerRow.origin)
+            .order_by(turn)  # of an address, its last owner's stays
         )
-        rows = await self._rows(query.order_by(EvaluationRow.seq))
-        return {name: turn for row, turn in rows for name in row.names}
+        return {name: turn for owner, origin, turn in await self._rows(query) for name in names_of(owner, origin)}
 
     async def turns(self) -> dict[str, int]:
         """Return the turn in which each submission that runs has begun, by its id."""

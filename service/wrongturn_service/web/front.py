@@ -13,9 +13,10 @@ from starlette.responses import PlainTextResponse
 
 from wrongturn_networks import Suite, load_suite
 from wrongturn_protocol import AgentKind, Leaderboard, LeaderboardEntry, LeaderboardSummary, Track
-from wrongturn_protocol.standing_rows import MARKS, leaderboard_csv
+from wrongturn_protocol.standing_rows import MARKS
 from wrongturn_service import catalogue
 from wrongturn_service.api.dependencies import ServiceDep
+from wrongturn_service.api.leaderboards import csv_of
 from wrongturn_service.errors import InvalidRequestError
 from wrongturn_service.service import Service
 from wrongturn_service.web import junction_map, words
@@ -57,9 +58,7 @@ async def leaderboard(
 @router.api_route("/leaderboards/{suite}/table.csv", methods=["GET", "HEAD"])
 async def table(service: ServiceDep, suite: str) -> Response:
     """Send a leaderboard as CSV, a row for each agent."""
-    board = await service.leaderboards.board(catalogue.suite(suite).id)
-    rows = await asyncio.to_thread(leaderboard_csv, board)
-    return PlainTextResponse(rows, media_type="text/csv", headers=SECURITY)
+    return PlainTextResponse(await csv_of(service, suite), media_type="text/csv", headers=SECURITY)
 
 
 async def _leaderboard(

@@ -5,8 +5,9 @@ import math
 import pytest
 import torch
 
-from wrongturn_agents.models.waypoint_control import MEMORY, Gains, WaypointControl, mean_speed, steering_to
+from wrongturn_agents.models.waypoint_control import MEMORY, WaypointControl, mean_speed, steering_to
 from wrongturn_agents.models.waypoints import APART, BEFORE, COUNT, soft_argmax, to_ground, to_picture
+from wrongturn_client import TrackerGains
 from wrongturn_sim.camera import Camera
 
 
@@ -59,7 +60,7 @@ def test_steering_leads_the_rear_axle_along_an_arc_to_the_waypoint():
 
 
 def test_controls_are_proportional_and_integral_parts_of_the_errors():
-    control = WaypointControl(Gains(steer=(0.9, 0.1), speed=(0.8, 0.2), aim=2, lasting=2.0))
+    control = WaypointControl(TrackerGains(steer=(0.9, 0.1), speed=(0.8, 0.2), aim_s=1.0, lasting_s=2.0))
     action, memory = control(straight(7.0), torch.tensor([[6.0]]), torch.tensor([[0.0, 0.5]]))
     # The mean error moves from 0.5 towards 1 by a twentieth; then 0.8 * 1 + 0.2 * 0.525 = 0.905 m/s².
     assert memory.tolist() == [pytest.approx([0.0, 0.525])]
