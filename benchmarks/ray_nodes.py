@@ -74,7 +74,7 @@ class Nodes:
 
     def simulators(self, number: int) -> list[psutil.Process]:
         """Return the simulators on a node."""
-        return self._named(number, "wrongturn_service.simulators")
+        return self._named(number, "wrongturn_ray.serve")
 
     @staticmethod
     def children(pid: int) -> list[psutil.Process]:

@@ -103,7 +103,7 @@ class Storm:
             return bool(self.nodes.kill(0))
         if victim == "driver":
             drivers = [psutil.Process(pid) for pid in children(self.service.pid or 0)]
-            return self.nodes.kill_one([one for one in drivers if "wrongturn_service.cluster.driver" in one.cmdline()])
+            return self.nodes.kill_one([one for one in drivers if "wrongturn_ray.driver" in one.cmdline()])
         if victim == "service":
             return self.service.kill()
         if host is None:
@@ -112,7 +112,7 @@ class Storm:
             return self.nodes.kill_raylet(host)
         if victim == "node":
             return bool(self.nodes.kill(host))
-        carriers = self.nodes._named(host, "wrongturn_service.cluster.piped")
+        carriers = self.nodes._named(host, "wrongturn_ray.piped")
         found = [child for one in carriers for child in one.children() if victim == "runner"]
         # The worker of the task is the parent of the program that carries the runner's stdin and stdout.
         return self.nodes.kill_one(found or [parent for one in carriers for parent in one.parents()[:1]])

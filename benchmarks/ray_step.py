@@ -23,12 +23,13 @@ from ray_nodes import Nodes
 
 from wrongturn_networks import draw_trial, load_town
 from wrongturn_protocol import FaultKind, Track, Traffic, Trial, Weather
-from wrongturn_service.cluster.programs import Programs
+from wrongturn_ray.programs import Programs
+from wrongturn_ray.settings import RaySettings
+from wrongturn_ray.simulators import RayStarter
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.settings import Settings
 from wrongturn_service.simulators.interface import StepResult, rounded
 from wrongturn_service.simulators.local_simulator import LocalStarter
-from wrongturn_service.simulators.ray_simulator import RayStarter
 from wrongturn_service.simulators.simulator import Simulator
 
 TRACK = Track.SEGMENTATION
@@ -114,8 +115,8 @@ def percentiles(seconds: Iterable[float]) -> dict[str, float]:
 
 async def measure(nodes: Nodes, home: Path, count: int) -> tuple[dict[str, list[float]], int, int]:
     """Drive the episodes; return the seconds of steps on both sides, the number of episodes with traffic, and bytes."""
-    settings = Settings(home=home, simulators="ray", ray_address=nodes.address, ray_listen="127.0.0.1:0")
-    programs = Programs(settings)
+    settings = Settings(home=home, simulators="ray")
+    programs = Programs(RaySettings(ray_address=nodes.address, ray_listen="127.0.0.1:0"))
     await programs.open()
     sides: dict[str, Simulator] = {}
     try:

@@ -1,6 +1,6 @@
 """Print the packages that the named parts need from outside this repository, one on each line.
 
-A part is named by its folder, with extras in brackets where some are wanted: ``agents[onnx]``, ``service[server,ray]``.
+A part is named by its folder, with extras in brackets where some are wanted: ``agents[onnx]``, ``service[server]``.
 An image can install these with only the pyproject files, before it has the sources.
 """
 

@@ -1,7 +1,7 @@
 # The service with its simulators. Build from the repository's root:
 #   docker build -f docker/service.Dockerfile -t wrongturn-service .
 # With Ray, for simulators on other machines (docs/compose.md):
-#   docker build -f docker/service.Dockerfile --build-arg EXTRAS=server,ray -t wrongturn-service-ray .
+#   docker build -f docker/service.Dockerfile --build-arg PLUGIN=ray -t wrongturn-service-ray .
 ARG PYTHON_IMAGE=python:3.11-slim-bookworm
 FROM ${PYTHON_IMAGE}
 
@@ -26,8 +26,9 @@ COPY LICENSE constraints.txt docker/requirements.py ./
 COPY clients/pyproject.toml clients/
 COPY networks/pyproject.toml networks/
 COPY service/pyproject.toml service/
-ARG EXTRAS=server
-RUN python requirements.py clients networks "service[$EXTRAS]" > requirements.txt \
+COPY plugins/ray/pyproject.toml plugins/ray/
+ARG PLUGIN=
+RUN python requirements.py clients networks "service[server]" ${PLUGIN:+"plugins/$PLUGIN"} > requirements.txt \
     && pip install -c constraints.txt -r requirements.txt \
     && cd "$(python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" \
     && find . -type d -name tests -prune -exec rm -rf {} + \
@@ -39,8 +40,9 @@ RUN python requirements.py clients networks "service[$EXTRAS]" > requirements.tx
 COPY clients clients
 COPY networks networks
 COPY service service
-RUN pip install --no-deps ./clients ./networks ./service \
-    && rm -rf clients networks service
+COPY plugins/ray plugins/ray
+RUN pip install --no-deps ./clients ./networks ./service ${PLUGIN:+"./plugins/$PLUGIN"} \
+    && rm -rf clients networks service plugins
 
 # Compile here, because it takes minutes on a busy machine. A running container only reads these files. It copies them to
 # its volume and adds what another processor needs there.

@@ -1,8 +1,9 @@
-"""Writes the table of docs/settings.md from the docstrings of the service's settings: python lab/settings_page.py."""
+"""Writes the table of docs/settings.md from the docstrings of the settings: python lab/settings_page.py."""
 
 import re
 from pathlib import Path
 
+from wrongturn_ray.settings import RaySettings
 from wrongturn_service.settings import PREFIX, Settings
 
 PAGE = Path(__file__).parents[1] / "docs/settings.md"
@@ -11,7 +12,7 @@ PAGE = Path(__file__).parents[1] / "docs/settings.md"
 def table() -> str:
     """Return a row for each setting: its variable, its default and its meaning."""
     rows = []
-    for name, field in Settings.model_fields.items():
+    for name, field in {**Settings.model_fields, **RaySettings.model_fields}.items():
         text, _, default = " ".join((field.description or "").split()).partition(" Default: ")
         value = f"{field.default:g}" if isinstance(field.default, float) else field.default
         default = default.rstrip(".") or ("none" if value in {None, ""} else f"`{value}`")

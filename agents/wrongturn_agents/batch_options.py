@@ -59,7 +59,7 @@ def drive_batch(options: RunOptions, batch: BatchOptions) -> None:
         from wrongturn_agents.batch.batch_run import BatchAgent, BatchRun  # noqa: PLC0415 - comes with an extra
         from wrongturn_agents.batch.workers import workers  # noqa: PLC0415
     except ImportError as error:
-        option, wanted = ("--ray", "wrongturn-agents[ray]") if batch.ray else ("--workers", "wrongturn-service")
+        option, wanted = ("--ray", "wrongturn-ray") if batch.ray else ("--workers", "wrongturn-service")
         raise RunError(
             f"{option}: drives in process, and {error.name} is not installed; install it with: {install(wanted)}"
         ) from error

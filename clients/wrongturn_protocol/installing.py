@@ -5,12 +5,23 @@ import re
 import shlex
 import sys
 import tomllib
-from importlib.metadata import Distribution, PackageNotFoundError
+from importlib.metadata import Distribution, PackageNotFoundError, entry_points
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from urllib.parse import unquote, urlsplit
 
 _OURS: Final = re.compile(r"(wrongturn[\w-]*)(?:\[([\w,-]*)\])?")
+
+
+class NotInstalledError(ValueError):
+    """What is wanted is not installed. The message says how to install it."""
+
+
+def ray(name: str) -> Any:
+    """Return what the package wrongturn-ray adds to ``wrongturn.ray`` under a name. Raises NotInstalledError."""
+    for point in entry_points(group="wrongturn.ray", name=name):
+        return point.load()
+    raise NotInstalledError(f"needs Ray, which is not installed; install it with: {install('wrongturn-ray')}")
 
 
 def python() -> str:

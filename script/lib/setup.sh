@@ -96,7 +96,7 @@ setup() {
   if [[ $level == test ]]; then
     # Install torch first and alone, so that no other package's range picks another build of it.
     pip install -c constraints.txt torch || fail "pip could not install torch; see its message above"
-    wanted+=(-e 'agents[training,onnx]' -e plugins/certificates -e plugins/exploits -e plugins/figures -e plugins/lbc -e plugins/marln -e plugins/openenv -e plugins/sb3 -e plugins/statistics --group test)
+    wanted+=(-e 'agents[training,onnx]' -e plugins/certificates -e plugins/exploits -e plugins/figures -e plugins/lbc -e plugins/marln -e plugins/openenv -e plugins/ray -e plugins/sb3 -e plugins/statistics --group test)
   fi
   pip install "${wanted[@]}" || fail "pip could not install the packages; see its message above"
   # The tests need OpenEnv's client alone. Its server brings 100 more packages and an older pillow than ours.

@@ -6,6 +6,8 @@ from typing import Final
 
 _PASSED_ON: Final = ("PATH", "HOME", "LANG", "LC_ALL", "TZ", "TMPDIR", "PYTHONPATH", "LD_LIBRARY_PATH")
 """Variables that every child gets: where programs, modules and temporary files are, and the language."""
+NICE: Final = 5
+"""A runner gives way to simulators, which other agents use too."""
 
 
 def child_environment(*more: str, environment: Mapping[str, str] = os.environ) -> dict[str, str]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from wrongturn_protocol.installing import install
+from wrongturn_protocol.installing import install, ray
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
@@ -110,7 +110,7 @@ def read_settings(**given: Any) -> "Settings":
     from wrongturn_service.settings import Settings  # noqa: PLC0415
 
     try:
-        return Settings(**{name: value for name, value in given.items() if value is not None})
+        return Settings(**{name: value for name, value in given.items() if value is not None}).checked()
     except ValidationError as error:
         typer.echo("\n".join(wrong_settings(error)), err=True)
         raise typer.Exit(_USAGE) from None
@@ -170,7 +170,7 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
     from wrongturn_service.storage.check import examine  # noqa: PLC0415
 
     try:
-        settings = Settings()
+        settings = Settings().checked()
     except ValidationError as error:
         yield "settings", False, "\n".join(wrong_settings(error)), "correct these variables, see docs/settings.md"
         return
@@ -205,14 +205,12 @@ def checks() -> Iterator[tuple[str, bool, str, str]]:
     from wrongturn_sandbox import SandboxUnavailableError, probe  # noqa: PLC0415
     from wrongturn_service.settings import sandboxes  # noqa: PLC0415
     from wrongturn_service.submissions.availability import TURNED_OFF  # noqa: PLC0415
-    from wrongturn_service.submissions.ray_sandboxes import probe_nodes  # noqa: PLC0415
 
     if settings.submissions == 0:
         yield "submissions", True, f"off: {TURNED_OFF}", ""
         return
     try:
-        on_ray = settings.runners == "ray"
-        found = probe_nodes(settings) if on_ray else probe(settings.runner_socket)
+        found = ray("probe")(settings) if settings.runners == "ray" else probe(settings.runner_socket)
         most = f"each model may take {settings.model_memory >> 20} MiB"
         yield "submissions", True, f"on: {found}; {sandboxes(settings.submissions, None)} sandboxes, {most}", ""
     except SandboxUnavailableError as error:

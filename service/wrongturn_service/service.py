@@ -5,18 +5,19 @@ import contextlib
 import gc
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Sequence
 from importlib import import_module
 
 import structlog
 
 from wrongturn_protocol import ProblemType
+from wrongturn_protocol.installing import ray
 from wrongturn_service import catalogue
 from wrongturn_service.accounts import Accounts
 from wrongturn_service.administration import Administration
 from wrongturn_service.cache import Cache
 from wrongturn_service.certificates import Certificates
-from wrongturn_service.cluster.programs import Programs
+from wrongturn_service.cluster import Cluster
 from wrongturn_service.episodes.draws import Draws
 from wrongturn_service.episodes.driver import EpisodeDriver
 from wrongturn_service.episodes.episodes import Episodes
@@ -34,7 +35,6 @@ from wrongturn_service.settings import Place, Settings
 from wrongturn_service.simulators.interface import SimulatorStartError
 from wrongturn_service.simulators.local_simulator import LocalStarter
 from wrongturn_service.simulators.pool import SimulatorPool
-from wrongturn_service.simulators.ray_simulator import RayStarter, slots
 from wrongturn_service.socket.guards import ConnectionLimits
 from wrongturn_service.storage.administration import AdministrationStore
 from wrongturn_service.storage.database import Database
@@ -49,9 +49,6 @@ from wrongturn_service.submissions.files import ModelFiles
 from wrongturn_service.submissions.jobs import JobContext
 from wrongturn_service.submissions.local_runners import COMMAND, LocalRunners
 from wrongturn_service.submissions.operations import Submissions
-from wrongturn_service.submissions.ray_runners import RayRunners
-from wrongturn_service.submissions.ray_sandboxes import RaySandboxes
-from wrongturn_service.submissions.runners import Runners
 from wrongturn_service.submissions.upload import Uploads
 from wrongturn_service.telemetry import Telemetry
 
@@ -84,13 +81,13 @@ class Service:
         telemetry: Telemetry,
         database: Database,
         pool: SimulatorPool,
-        programs: Programs | None,
+        cluster: Cluster | None,
         runner: Sequence[str],
     ) -> None:
         self.settings = settings
         self.telemetry = telemetry
         self.pool = pool
-        self.programs = programs
+        self.cluster = cluster
         quota = Quota(
             settings.bytes_per_owner,
             settings.bytes_per_address,
@@ -143,12 +140,8 @@ class Service:
         self.uploads = Uploads(
             files, limit=settings.model_limit, patience_s=settings.slow_client_s, each=settings.submissions_per_owner
         )
-        self.sandboxes: RaySandboxes | None = None
-        runners: Runners = LocalRunners(runner)
-        if programs is not None and settings.runners is Place.RAY:
-            self.sandboxes = RaySandboxes(programs, settings)
-            runners = RayRunners(programs, self.sandboxes, settings, runner)
-        self.availability = Availability(settings, None if self.sandboxes is None else self.sandboxes.look)
+        remote = cluster if settings.runners is Place.RAY else None
+        self.availability = Availability(settings, None if remote is None else remote.look)
         self.dispatcher = Dispatcher(
             JobContext(
                 settings,
@@ -158,11 +151,11 @@ class Service:
                 self.evaluations,
                 self.availability,
                 telemetry,
-                runners,
+                LocalRunners(runner) if remote is None else remote.runners,
             )
         )
-        if self.sandboxes is not None:
-            self.sandboxes.changed = self.dispatcher.wake
+        if remote is not None:
+            remote.sandboxes_changed = self.dispatcher.wake
         self.administration = Administration(
             rows_of_operator,
             self.accounts,
@@ -180,7 +173,7 @@ class Service:
             return UnavailableError(ProblemType.SHUTTING_DOWN, "the service is stopping")
         if self.pool.failure is not None and not self.pool.running:
             return UnavailableError(ProblemType.SIMULATOR_FAILED, "no simulator could be started", retry_after_s=30)
-        lost = self.settings.on_ray and self.programs is not None and self.programs.trouble is not None
+        lost = self.settings.on_ray and self.cluster is not None and self.cluster.trouble is not None
         if lost and not self.pool.idle:
             detail = "the Ray cluster, which runs the simulators, cannot be reached; the service tries again"
             return UnavailableError(ProblemType.SIMULATOR_FAILED, detail, retry_after_s=5)
@@ -205,10 +198,8 @@ class Service:
 
     def cluster_changed(self) -> None:
         """Take over what the cluster's nodes are now."""
-        if self.settings.on_ray and self.programs is not None:
-            self.pool.resize(min(slots(self.programs.nodes), self.settings.most_simulators))
-        if self.sandboxes is not None:
-            self.sandboxes.wake()
+        if self.settings.on_ray and self.cluster is not None:
+            self.pool.resize(min(self.cluster.slots, self.settings.most_simulators))
 
     def watch(self) -> None:
         """Add the gauges whose values are read when metrics are collected."""
@@ -232,7 +223,7 @@ class Service:
             ("simulators_idle", "Simulator processes that are ready and unused", lambda: pool.idle),
             ("simulators_awaited", "Calls that wait for a simulator", lambda: queue.waiting),
             ("sockets", "Connections to /v1/drive", lambda: sockets.open),
-            *(() if self.programs is None else _of_ray(self.programs, self.sandboxes)),
+            *(() if self.cluster is None else self.cluster.gauges()),
         ):
             self.telemetry.gauge(f"wrongturn_{name}", documentation).set_function(read)
 
@@ -323,14 +314,20 @@ async def run_service(
     async with contextlib.AsyncExitStack() as stack:
         database = await Database.open(settings.database_url, home=settings.home, telemetry=telemetry)
         stack.push_async_callback(database.close)
-        programs = None
-        if settings.uses_ray:
-            programs = await stack.enter_async_context(_opened(settings))
-        pool = pool or _pool(settings, telemetry, programs if settings.on_ray else None)
+        cluster: Cluster | None = ray("cluster")(settings, runner) if settings.uses_ray else None
+        if cluster is not None:
+            await cluster.open()
+            stack.push_async_callback(cluster.close)
+        pool = pool or SimulatorPool(
+            settings.most_simulators,
+            cluster.start if settings.on_ray and cluster is not None else LocalStarter.of(settings).start,
+            spare=settings.spare_simulators,
+            on_death=telemetry.deaths.inc,
+        )
         stack.push_async_callback(pool.stop)
-        service = Service(settings, telemetry, database, pool, programs, runner)
-        if programs is not None:
-            programs.changed = service.cluster_changed
+        service = Service(settings, telemetry, database, pool, cluster, runner)
+        if cluster is not None:
+            cluster.changed = service.cluster_changed
         await service.prepare()
         try:
             # The first simulator compiles the kernels; the others find them in the cache.
@@ -346,40 +343,6 @@ async def run_service(
             stack.push_async_callback(_cancel, asyncio.create_task(work))
         _log.info("ready", database=settings.database_url.rsplit("@", 1)[-1], simulators=pool.slots)
         yield service
-
-
-@contextlib.asynccontextmanager
-async def _opened(settings: Settings) -> AsyncIterator[Programs]:
-    programs = Programs(settings)
-    try:
-        await programs.open()
-    except OSError as error:
-        named = f"WRONGTURN_RAY_LISTEN: {settings.ray_listen}"
-        raise StartupError(
-            f"{named}: {error.strerror or error}; name an address of this machine that is free"
-        ) from error
-    try:
-        yield programs
-    finally:
-        await programs.close()
-
-
-def _pool(settings: Settings, telemetry: Telemetry, programs: Programs | None) -> SimulatorPool:
-    """Return a pool of simulators on this machine, or on the nodes of a cluster, which come and go."""
-    starter = LocalStarter.of(settings) if programs is None else RayStarter(programs, settings)
-    return SimulatorPool(
-        settings.most_simulators, starter.start, spare=settings.spare_simulators, on_death=telemetry.deaths.inc
-    )
-
-
-def _of_ray(programs: Programs, sandboxes: RaySandboxes | None) -> Iterator[tuple[str, str, Callable[[], float]]]:
-    """Yield the gauges of a cluster."""
-    yield "ray_connected", "1 if programs can be started on Ray", lambda: float(programs.trouble is None)
-    yield "ray_nodes", "Nodes of the Ray cluster that live", lambda: len(programs.nodes)
-    yield "ray_cores", "Cores of the Ray cluster", lambda: sum(node.cores for node in programs.nodes)
-    yield "ray_connections", "How often the service has connected with Ray", lambda: programs.connections
-    if sandboxes is not None:
-        yield "ray_nodes_with_sandbox", "Nodes of the Ray cluster that drive models", lambda: len(sandboxes.nodes)
 
 
 async def _cancel(task: "asyncio.Task[None]") -> None:

@@ -11,14 +11,18 @@ import platformdirs
 from pydantic import Field, SecretStr, ValidationInfo, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from wrongturn_protocol.installing import ray
 from wrongturn_runner import SANDBOXES
-from wrongturn_service.cluster import options
 from wrongturn_service.machine import Machine
 from wrongturn_service.secret_file import Secret, read_secret
 
 PREFIX = "WRONGTURN_"
 CHECKS: Final = 2
 """Submissions that are checked at a time, each in a sandbox."""
+_MOST: Final = 4096
+"""Most simulators of one service."""
+_MOST_ON_RAY: Final = 1024
+"""Most simulators on Ray if no number is given."""
 GATEWAY = "gateway"
 """Stands for the address of the default gateway."""
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -123,30 +127,16 @@ class Settings(BaseSettings):
     simulator_timeout_s: Positive = 30.0
     """Seconds after which a simulator that does not answer counts as dead; for a step, at most 5. Its episode is
     replayed in another one, which gets 0.02 s more for each step."""
-    ray_address: Annotated[str, Field(min_length=1)] = "auto"
-    """Address of the Ray cluster, such as `10.0.0.1:6379`. `auto` is the one that runs on this machine. This machine
-    has to be a node of it, see `WRONGTURN_RAY_JOIN`."""
-    ray_join: bool = False
-    """Whether the service makes its own machine or container a node of the cluster, one without cores."""
-    ray_listen: str = "0.0.0.0:8001"
-    """Address and port at which programs on Ray's nodes connect with the service. Port 0 takes a free one."""
-    ray_advertise: str = ""
-    """Address at which the nodes reach that one, if it is another; a port may follow. Default: the address that Ray has
-    for this machine."""
-    ray_certificate: Path | None = None
-    """PEM file of a certificate, also a self-signed one. With it the programs connect by TLS, and accept no other."""
-    ray_key: Path | None = Field(default=None, validate_default=True)
-    """PEM file of the certificate's key."""
     lease_release_s: Positive = 10.0
     """Seconds without a call after which the simulator of an episode goes to other agents. It is rebuilt by replay."""
     lease_abort_s: Positive = 600.0
     """Seconds without a call after which an episode is `aborted`."""
     max_parallel: Annotated[int, Field(ge=1)] = Field(
-        default_factory=lambda settings: options.most(settings.get("simulators", 1))
+        default_factory=lambda settings: _most(settings.get("simulators", 1))
     )
     """Open episodes of one evaluation. Default: as many as `WRONGTURN_SIMULATORS`; for `ray`, 1024."""
     max_open: Annotated[int, Field(ge=1)] = Field(
-        default_factory=lambda settings: 4 * options.most(settings.get("simulators", 1))
+        default_factory=lambda settings: 4 * _most(settings.get("simulators", 1))
     )
     """Open episodes of one agent; half of them may be practice. An owner may have twice as many, and an address four
     times. One more gets 429 `rate-limited`. Default: four times `WRONGTURN_SIMULATORS`."""
@@ -209,36 +199,20 @@ class Settings(BaseSettings):
     @field_validator("simulators", mode="before")
     @classmethod
     def _simulators(cls, given: int | str) -> int | str:
-        return options.simulators(given)
-
-    @field_validator("ray_listen")
-    @classmethod
-    def _with_port(cls, address: str) -> str:
-        options.host_and_port(address)
-        return address
-
-    @field_validator("ray_advertise")
-    @classmethod
-    def _maybe_with_port(cls, address: str) -> str:
-        options.host_and_port(address or "0.0.0.0", port=0)  # noqa: S104 - empty means none
-        return address
-
-    @field_validator("ray_key")
-    @classmethod
-    def _pair(cls, key: Path | None, info: ValidationInfo) -> Path | None:
-        certificate = info.data.get("ray_certificate")
-        if (certificate is None) != (key is None):
-            missing = PREFIX + ("RAY_CERTIFICATE" if certificate is None else "RAY_KEY")
-            raise ValueError(f"{missing} is not set; set both files, or neither")
-        if certificate is not None:
-            options.server_tls(certificate, key)
-        return key
+        where, colon, number = str(given).rpartition(":") if str(given) != Place.RAY else (Place.RAY, "", "1")
+        count = int(number) if number.isdecimal() else 0
+        if where not in {"", Place.RAY} or (colon and not where) or not 1 <= count <= _MOST:
+            raise ValueError(f"is {str(given)!r}; give a number from 1 to {_MOST}, 'ray', or 'ray:' and a number")
+        if not where:
+            return count
+        ray("settings")
+        return given
 
     @field_validator("runners")
     @classmethod
     def _with_ray(cls, place: Place) -> Place:
         if place is Place.RAY:
-            options.require_ray()
+            ray("settings")
         return place
 
     @field_validator("runner_gpus")
@@ -258,10 +232,16 @@ class Settings(BaseSettings):
         """Whether simulators or runners run on a Ray cluster."""
         return self.on_ray or self.runners is Place.RAY
 
+    def checked(self) -> "Settings":
+        """Return these, once the variables about Ray are checked too if it is used. Raises ValidationError."""
+        if self.uses_ray:
+            ray("settings")()
+        return self
+
     @property
     def most_simulators(self) -> int:
         """Largest number of simulators that drive; a cluster may have room for fewer."""
-        return options.most(self.simulators)
+        return _most(self.simulators)
 
     @field_validator("trusted_proxies")
     @classmethod
@@ -331,6 +311,11 @@ class Settings(BaseSettings):
         names = [name.strip() for name in self.trusted_proxies.split(",")]
         gateway = Machine().gateway() if GATEWAY in names else None
         return ",".join(filter(None, (gateway if name == GATEWAY else name for name in names)))
+
+
+def _most(simulators: int | str) -> int:
+    """Return the largest number of simulators that a checked setting allows."""
+    return simulators if isinstance(simulators, int) else int(simulators.partition(":")[2] or _MOST_ON_RAY)
 
 
 def _password(file: Path) -> str:

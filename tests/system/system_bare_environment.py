@@ -22,6 +22,7 @@ SOURCES = {
     "lbc": "plugins/lbc",
     "marln": "plugins/marln",
     "openenv": "plugins/openenv",
+    "ray": "plugins/ray",
     "sb3": "plugins/sb3",
     "statistics": "plugins/statistics",
 }

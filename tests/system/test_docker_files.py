@@ -21,13 +21,13 @@ DOCKER = ROOT / "docker"
 
 
 def test_the_image_installs_what_the_parts_need_and_constraints_know_it(tmp_path: Path) -> None:
-    for part in ("clients", "networks", "service"):
-        (tmp_path / part).mkdir()
+    for part in ("clients", "networks", "service", "plugins/ray"):
+        (tmp_path / part).mkdir(parents=True)
         shutil.copy(ROOT / part / "pyproject.toml", tmp_path / part)
-    script = [sys.executable, str(DOCKER / "requirements.py"), "clients", "networks", "service[server]"]
+    script = [sys.executable, str(DOCKER / "requirements.py"), "clients", "networks", "service[server]", "plugins/ray"]
     printed = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split("\n")
     names = {re.split(r"[<>=\[~! ]", line)[0].lower() for line in printed if line}
-    assert {"fastapi", "libsumo", "numba", "shapely", "pydantic", "typer"} <= names
+    assert {"fastapi", "libsumo", "numba", "shapely", "pydantic", "ray", "typer"} <= names
     assert not {name for name in names if name.startswith("wrongturn") or name == "torch"}
     pinned = {
         line.split("==")[0].lower().replace("_", "-") for line in (ROOT / "constraints.txt").read_text().splitlines()

@@ -8,6 +8,7 @@ import kubernetes_validate
 import pytest
 import yaml
 
+from wrongturn_ray.settings import RaySettings
 from wrongturn_service.settings import Settings
 
 FOLDER = Path(__file__).parents[2] / "docker/kubernetes"
@@ -92,7 +93,7 @@ def test_service_and_cluster_find_each_other() -> None:
     (container,) = _only("Deployment", "wrongturn")["spec"]["template"]["spec"]["containers"]
     settings = {variable["name"]: variable.get("value") for variable in container["env"]}
     ours = {name for name in settings if name.startswith("WRONGTURN_")}
-    assert {f"WRONGTURN_{name.upper()}" for name in Settings.model_fields} >= ours
+    assert {f"WRONGTURN_{name.upper()}" for name in Settings.model_fields | RaySettings.model_fields} >= ours
     # KubeRay names the head's service, and the secret with the cluster's token, after the cluster.
     name = _cluster()["metadata"]["name"]
     assert settings["WRONGTURN_RAY_ADDRESS"] == f"{name}-head-svc:6379"

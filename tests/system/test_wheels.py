@@ -62,7 +62,7 @@ def build(folder: Path, *parts: str) -> Wheels:
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> Wheels:
     """All but the agents', whose weights take long to compress. Their metadata are those that are installed."""
-    names = ("certificates", "exploits", "figures", "lbc", "marln", "openenv", "sb3", "statistics")
+    names = ("certificates", "exploits", "figures", "lbc", "marln", "openenv", "ray", "sb3", "statistics")
     plugins = (f"plugins/{name}" for name in names)
     return build(tmp_path_factory.mktemp("wheels") / "dist", "clients", "networks", "service", *plugins, ".")
 

@@ -4,6 +4,7 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,6 +14,7 @@ from rich.console import Group
 from rich.live import Live
 from rich.text import Text
 
+from wrongturn_agents.batch.workers import of_ray
 from wrongturn_agents.training.budget import Budget
 from wrongturn_agents.training.devices import check_threads, device_of
 from wrongturn_agents.training.errors import TrainingError
@@ -91,13 +93,8 @@ def side_by_side(
     """
     runs = len(algorithms) * len(seeds)
     if ray:
-        from wrongturn_agents.training.ray_runs import cluster, shares, start_on_ray  # noqa: PLC0415 - needs Ray
-
-        with cluster() as connected:
-            threads, gpus = shares(connected, runs, threads, gpus)
-            jobs = plan(algorithms, seeds, directory=directory, threads=threads, **limits)
-            with start_on_ray(connected, jobs, directory, threads=threads, gpus=gpus) as started:
-                failed = watch(started)
+        made = partial(plan, algorithms, seeds, directory=directory, **limits)
+        jobs, failed = of_ray("runs")(made, runs, directory, threads, gpus)
     else:
         if gpus is not None:
             raise TrainingError("--gpus: is for --ray; leave it out")

@@ -3,13 +3,10 @@
 import asyncio
 import time
 
-from wrongturn_service.cluster.options import host_and_port
-from wrongturn_service.cluster.programs import Programs
+from wrongturn_protocol.installing import ray
 from wrongturn_service.machine import SANDBOX_MEMORY, Machine
 from wrongturn_service.settings import Settings, sandboxes
-from wrongturn_service.simulators.interface import SimulatorStartError
 from wrongturn_service.simulators.local_simulator import LocalStarter
-from wrongturn_service.simulators.ray_simulator import RayStarter, slots
 
 _MIB = 2**20
 _COMPILED_S = 10.0
@@ -28,7 +25,7 @@ def examine(settings: Settings) -> str:
         TooLittleMemoryError: the number of simulators that is set does not fit.
     """
     if settings.on_ray:
-        return asyncio.run(_start_on_ray(settings))
+        return str(ray("examine")(settings))
     available = Machine().available_memory()
     seconds, memory = asyncio.run(_start(settings))
     if seconds > _COMPILED_S:  # it has compiled the kernels, which takes several times the memory
@@ -54,27 +51,3 @@ async def _start(settings: Settings) -> tuple[float, int]:
         return time.monotonic() - began, simulator.memory()
     finally:
         await simulator.close()
-
-
-async def _start_on_ray(settings: Settings) -> str:
-    """Start a simulator on the cluster; return what the cluster has, and how long the start took."""
-    # Another port, because a running service has this one.
-    listen = f"{settings.ray_listen.rpartition(':')[0]}:0"
-    advertise = settings.ray_advertise and host_and_port(settings.ray_advertise, port=0)[0]
-    programs = Programs(settings.model_copy(update={"ray_listen": listen, "ray_advertise": advertise}))
-    try:
-        await programs.open()
-        began = time.monotonic()
-        simulator = await RayStarter(programs, settings).start()
-        seconds = time.monotonic() - began
-        await simulator.close()
-        nodes = programs.nodes
-    except OSError as error:
-        where = f"WRONGTURN_RAY_LISTEN: {settings.ray_listen}"
-        raise SimulatorStartError(f"{where}: {error.strerror or error}") from error
-    finally:
-        await programs.close()
-    return (
-        f"on Ray, {len(nodes)} nodes with {sum(node.cores for node in nodes):g} cores have room for {slots(nodes)}; "
-        f"one was ready on {simulator.name} after {seconds:.1f} s, with the connection to Ray"
-    )

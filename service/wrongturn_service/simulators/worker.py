@@ -1,9 +1,8 @@
 """The program of a simulator process: ``python -m wrongturn_service.simulators SOCKET SECONDS``.
 
-The arguments are the file descriptor of a socket to the service, or ``HOST:PORT`` at which it expects this process, and
-whole seconds after which a hanging request ends the process. The process answers one request at a time. It ends with
-the stream, so no simulator outlives its service. The time limit is an alarm, which works even while SUMO does not
-return.
+The arguments are the file descriptor of a socket to the service, and whole seconds after which a hanging request ends
+the process. The process answers one request at a time. It ends with the stream, so no simulator outlives its service.
+The time limit is an alarm, which works even while SUMO does not return.
 
 Requests and replies are values of msgpack, one after the other. Requests:
     | ``["reset", trial, track, actions, encoding]``
@@ -28,6 +27,7 @@ import math
 import signal
 import socket
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -38,7 +38,6 @@ from wrongturn_protocol import FaultKind, Outcome, Task, Track, Traffic, Trial
 from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.pixmap import to_pixmap
 from wrongturn_protocol.wire import Block, layout
-from wrongturn_service.cluster.connecting import connect
 from wrongturn_service.encoding import Encoding, encoded
 from wrongturn_service.simulators.interface import ACTION, FAILED, OK, REFUSED, replay_s
 from wrongturn_sim import Episode
@@ -143,8 +142,8 @@ def serve(connection: socket.socket, limit_s: int) -> None:
         connection.sendall(msgpack.packb(reply))
 
 
-def main() -> None:
-    """Serve the socket that the command line names."""
+def main(connect: Callable[[str], socket.socket] = lambda handle: socket.socket(fileno=int(handle))) -> None:
+    """Serve the socket that the command line names; ``connect`` makes it of the first argument."""
     # Ctrl-C goes to the whole group of processes; the service decides when its simulators end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
@@ -152,7 +151,6 @@ def main() -> None:
     with contextlib.suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text("500", "ascii")
     where, limit_s = sys.argv[1:]
-    connection = connect(where) if ":" in where else socket.socket(fileno=int(where))
     # If the service was killed or its machine has vanished, nobody is left to answer.
-    with connection, contextlib.suppress(ConnectionError, TimeoutError):
+    with connect(where) as connection, contextlib.suppress(ConnectionError, TimeoutError):
         serve(connection, int(limit_s))

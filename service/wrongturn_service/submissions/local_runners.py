@@ -12,8 +12,7 @@ import structlog
 from typing_extensions import override
 
 from wrongturn_runner.messages import BUSY, Job
-from wrongturn_service.child_environment import child_environment
-from wrongturn_service.cluster.piped import NICE
+from wrongturn_service.child_environment import NICE, child_environment
 from wrongturn_service.submissions.runners import LINE, NoRoomError, Runner, RunnerLostError
 
 COMMAND: Final = (sys.executable, "-P", "-m", "wrongturn_runner")

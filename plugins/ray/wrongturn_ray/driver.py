@@ -1,4 +1,4 @@
-"""The driver of Ray: ``python -m wrongturn_service.cluster.driver ADDRESS [--join]``, a child of the service.
+"""The driver of Ray: ``python -m wrongturn_ray.driver ADDRESS [--join]``, a child of the service.
 
 A driver runs on a node of its cluster. With ``--join`` it makes its machine one first, a node without cores.
 
@@ -101,7 +101,7 @@ class Driver:
         gpus: float,
         nodes: list[str] | None,
     ) -> None:
-        from wrongturn_service.cluster.node import versions  # noqa: PLC0415
+        from wrongturn_ray.node import versions  # noqa: PLC0415
 
         try:
             where = None if nodes is None else {"ray.io/node-id": f"in({','.join(nodes)})"}
@@ -172,7 +172,7 @@ def nodes() -> Any:
 def _task() -> Any:
     import ray  # noqa: PLC0415
 
-    from wrongturn_service.cluster import node  # noqa: PLC0415
+    from wrongturn_ray import node  # noqa: PLC0415
 
     ray.cloudpickle.register_pickle_by_value(node)
     return ray.remote(max_retries=0, scheduling_strategy="SPREAD")(node.run)
@@ -182,7 +182,10 @@ def check_answer(address: str) -> None:
     """Check that somebody listens at an address with a port: Ray itself tries for minutes. Raises OSError."""
     host, _, port = address.rpartition(":")
     if port.isdecimal():
-        socket.create_connection((host.strip("[]"), int(port)), _PATIENCE_S).close()
+        try:
+            socket.create_connection((host.strip("[]"), int(port)), _PATIENCE_S).close()
+        except OverflowError as error:
+            raise OSError(str(error)) from error
 
 
 def join(address: str) -> None:

@@ -7,28 +7,44 @@ import signal
 import socket
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from wrongturn_agents.batch.workers import check_answer, load_ray
+import ray
+
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.job import Job, Started, failure_of
+from wrongturn_agents.training.side_by_side import watch
+from wrongturn_ray.driver import check_answer
 
 _RETRIES: Final = 5
 """How often a run whose node died starts on another one. It resumes there."""
 _AWAKE: Final = 0.2
 
 
+def train_on_ray(
+    made: Callable[..., list[Job]], runs: int, directory: Path, threads: int | None, gpus: float | None
+) -> tuple[list[Job], dict[Job, str]]:
+    """Train on the cluster; return the jobs, and why those that failed did.
+
+    ``made`` plans the jobs, with the threads that each gets.
+    """
+    with cluster():
+        threads, gpus = shares(runs, threads, gpus)
+        jobs = made(threads=threads)
+        with start_on_ray(jobs, directory, threads=threads, gpus=gpus) as started:
+            return jobs, watch(started)
+
+
 @contextmanager
-def cluster() -> Iterator[Any]:
-    """Connect to the cluster of ``RAY_ADDRESS``, or to that which runs on this machine, and yield ``ray``.
+def cluster() -> Iterator[None]:
+    """Connect to the cluster of ``RAY_ADDRESS``, or to that which runs on this machine.
 
     Raises:
-        AgentsError: Ray is not installed, or there is no cluster.
+        TrainingError: There is no cluster.
     """
-    ray = load_ray()
     address = os.environ.get("RAY_ADDRESS") or "auto"
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:
@@ -41,12 +57,12 @@ def cluster() -> Iterator[Any]:
     # Ray aborts a program at SIGTERM. This one lets its runs save.
     signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGTERM))
     try:
-        yield ray
+        yield
     finally:
         ray.shutdown()
 
 
-def shares(ray: Any, runs: int, threads: int | None, gpus: float | None) -> tuple[int, float]:
+def shares(runs: int, threads: int | None, gpus: float | None) -> tuple[int, float]:
     """Return the cores and the GPUs of each run: by default, all run at once and share what the cluster has."""
     cores = [node["Resources"].get("CPU", 0) for node in ray.nodes() if node["Alive"]]
     there = ray.cluster_resources().get("GPU", 0)
@@ -58,13 +74,11 @@ def shares(ray: Any, runs: int, threads: int | None, gpus: float | None) -> tupl
 
 
 @contextmanager
-def start_on_ray(
-    ray: Any, jobs: Sequence[Job], directory: Path, *, threads: int, gpus: float
-) -> Iterator[dict[Job, Started]]:
+def start_on_ray(jobs: Sequence[Job], directory: Path, *, threads: int, gpus: float) -> Iterator[dict[Job, Started]]:
     """Hand jobs to the cluster. Their directory must be on a file system that this machine and the nodes share."""
     with tempfile.NamedTemporaryFile(dir=directory, prefix=".shared-") as probe:
         task = ray.remote(num_cpus=threads, num_gpus=gpus, max_retries=_RETRIES)(_run)
-        yield {job: _OnRay(ray, task.options(name=job.name).remote(job, Path(probe.name).absolute())) for job in jobs}
+        yield {job: _OnRay(task.options(name=job.name).remote(job, Path(probe.name).absolute())) for job in jobs}
 
 
 def _run(job: Job, probe: Path) -> str:
@@ -88,16 +102,16 @@ def _run(job: Job, probe: Path) -> str:
 class _OnRay:
     """A job on the cluster."""
 
-    def __init__(self, ray: Any, reference: Any) -> None:
-        self._ray, self._reference = ray, reference
+    def __init__(self, reference: Any) -> None:
+        self._reference = reference
 
     def failure(self) -> str | None:
-        if not self._ray.wait([self._reference], timeout=0)[0]:
+        if not ray.wait([self._reference], timeout=0)[0]:
             return None
         try:
-            return str(self._ray.get(self._reference))
-        except self._ray.exceptions.RayError as error:
+            return str(ray.get(self._reference))
+        except ray.exceptions.RayError as error:
             return next(reversed(str(error).strip().splitlines()), type(error).__name__)
 
     def stop(self, *, now: bool) -> None:
-        self._ray.cancel(self._reference, force=now)
+        ray.cancel(self._reference, force=now)

@@ -12,14 +12,13 @@ from typing import Any, Final
 
 import structlog
 
+from wrongturn_ray.connecting import way
+from wrongturn_ray.driver import LONGEST
+from wrongturn_ray.listener import Expected, Listener
+from wrongturn_ray.settings import RaySettings, host_and_port, server_tls
 from wrongturn_service.child_environment import child_environment
-from wrongturn_service.cluster.connecting import way
-from wrongturn_service.cluster.driver import LONGEST
-from wrongturn_service.cluster.listener import Expected, Listener
-from wrongturn_service.cluster.options import host_and_port, server_tls
-from wrongturn_service.settings import Settings
 
-COMMAND: Final = (sys.executable, "-P", "-m", "wrongturn_service.cluster.driver")
+COMMAND: Final = (sys.executable, "-P", "-m", "wrongturn_ray.driver")
 """Command of the driver; the address of the cluster is added."""
 _PASSED_ON: Final = ("RAY_TMPDIR", "RAY_AUTH_MODE", "RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH", "RAY_USE_TLS")
 _TLS: Final = ("RAY_TLS_SERVER_CERT", "RAY_TLS_SERVER_KEY", "RAY_TLS_CA_CERT")
@@ -86,7 +85,7 @@ class Program:
 class Programs:
     """Programs on the nodes of one cluster. A driver that ends is started again, with the cluster's new state."""
 
-    def __init__(self, settings: Settings, command: Sequence[str] = COMMAND) -> None:
+    def __init__(self, settings: RaySettings, command: Sequence[str] = COMMAND) -> None:
         """Create it; :meth:`open` connects."""
         self.trouble: str | None = "Ray is not connected yet"
         """Why no program can be started; None if it can, as far as is known."""
@@ -96,7 +95,7 @@ class Programs:
         """How often a driver has connected."""
         self.changed: Callable[[], None] = lambda: None
         """Called when :attr:`trouble` or :attr:`nodes` have changed."""
-        self._settings = settings
+        self.settings = settings
         self._command = (*command, settings.ray_address, *(["--join"] if settings.ray_join else []))
         tls = None
         self._certificate: str | None = None
@@ -114,7 +113,7 @@ class Programs:
 
     async def open(self) -> None:
         """Listen, and start the driver. Raises OSError if the address cannot be listened on."""
-        self._port = await self._listener.open(*host_and_port(self._settings.ray_listen))
+        self._port = await self._listener.open(*host_and_port(self.settings.ray_listen))
         self._keeping = asyncio.create_task(self._keep_driver())
 
     async def close(self) -> None:
@@ -135,10 +134,10 @@ class Programs:
     @property
     def advertised(self) -> str:
         """Address at which programs reach this service."""
-        if self._settings.ray_advertise:
-            host, port = host_and_port(self._settings.ray_advertise, port=self._port)
+        if self.settings.ray_advertise:
+            host, port = host_and_port(self.settings.ray_advertise, port=self._port)
         else:
-            host, port = host_and_port(self._settings.ray_listen)[0], self._port
+            host, port = host_and_port(self.settings.ray_listen)[0], self._port
             host = self._address if host in {"0.0.0.0", "::"} else host  # noqa: S104 - what it stands for
         return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 

@@ -8,24 +8,27 @@ import tempfile
 from pathlib import Path
 
 import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("stable_baselines3")
+
 from counting_method import counting, program_of, trained, until  # noqa: F401 - a fixture
+from ray.cluster_utils import Cluster
 
 from wrongturn_agents.training.checkpoint import read
 from wrongturn_agents.training.progress import read_rows
-from wrongturn_protocol.installing import install
 
-pytestmark = pytest.mark.usefixtures("counting")
+pytestmark = pytest.mark.usefixtures("counting", "one_thread")
 STATE = Path("runs/counting-1/state.pt")
 
 
 @pytest.fixture
 def cluster(counting, monkeypatch):  # noqa: F811 - its nodes find the method, too
     """A cluster of one node with two cores, which RAY_ADDRESS names."""
-    cluster_utils = pytest.importorskip("ray.cluster_utils")
     with tempfile.TemporaryDirectory(dir="/tmp") as folder:  # sockets' paths are short
         monkeypatch.setenv("RAY_TMPDIR", folder)
         monkeypatch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-        made = cluster_utils.Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
+        made = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
         monkeypatch.setenv("RAY_ADDRESS", made.address)
         yield made
         made.shutdown()
@@ -48,15 +51,9 @@ def test_a_run_on_a_node_leaves_its_files_here(cluster):
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "127.0.0.1:99999", "nowhere"])
 def test_a_cluster_that_is_not_there_is_named(address, monkeypatch):
-    pytest.importorskip("ray")
     monkeypatch.setenv("RAY_ADDRESS", address)
     assert f"no cluster at '{address}'" in str(trained("counting", "--ray").exception)
     assert not Path("runs").exists()
-
-
-def test_without_ray_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "ray", None)
-    assert install("wrongturn-agents[ray]") in str(trained("counting", "--ray").exception)
 
 
 @pytest.mark.soak

@@ -32,10 +32,10 @@ if os.getppid() == int(sys.argv[1]):
 def versions() -> dict[str, str]:
     """Return the versions that have to be the same on the service's machine and on all nodes."""
     try:
-        package = version("wrongturn-service")
+        package = version("wrongturn-ray")
     except PackageNotFoundError:
         package = "none"
-    return {"Python": ".".join(platform.python_version_tuple()[:2]), "wrongturn-service": package}
+    return {"Python": ".".join(platform.python_version_tuple()[:2]), "wrongturn-ray": package}
 
 
 def run(

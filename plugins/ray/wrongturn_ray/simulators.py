@@ -7,7 +7,7 @@ from typing import Final
 import structlog
 from typing_extensions import override
 
-from wrongturn_service.cluster.programs import Node, Program, Programs, Resources
+from wrongturn_ray.programs import Node, Program, Programs, Resources
 from wrongturn_service.machine import PER_CORE, SIMULATOR_MEMORY
 from wrongturn_service.settings import Settings
 from wrongturn_service.simulators.interface import SimulatorDiedError, SimulatorStartError
@@ -70,7 +70,7 @@ class RayStarter:
 
     def __init__(self, programs: Programs, settings: Settings) -> None:
         self._programs = programs
-        self._address = settings.ray_address
+        self._address = programs.settings.ray_address
         self._start_timeout_s = settings.simulator_start_timeout_s
         self._timeout_s = settings.simulator_timeout_s
         self._turn = asyncio.Condition()
@@ -118,7 +118,7 @@ class RayStarter:
 
     async def _start(self) -> Simulator:
         simulator = RaySimulator(self._timeout_s)
-        command = ("-m", "wrongturn_service.simulators", "{service}", str(int(self._timeout_s) + 1))
+        command = ("-m", "wrongturn_ray.serve", "{service}", str(int(self._timeout_s) + 1))
         variables = {"OMP_NUM_THREADS": "1"}
         async with self._programs.starting(command, lambda: simulator, RESOURCES, variables) as (program, expected):
             simulator.program = program

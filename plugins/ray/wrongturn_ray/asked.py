@@ -1,4 +1,4 @@
-"""What a node is asked before it drives models: ``python -m wrongturn_service.submissions.asked URL SOCKET [gpu]``.
+"""What a node is asked before it drives models: ``python -m wrongturn_ray.asked URL SOCKET [gpu]``.
 
 It opens a sandbox, as a runner does, and calls the service. It prints what the sandbox is, or ends with a status that
 is not 0 and says what is missing. ``SOCKET`` is that of a runner container, or empty. An empty ``URL`` is not called.

@@ -10,13 +10,13 @@ from urllib.parse import urlsplit
 import structlog
 from typing_extensions import override
 
+from wrongturn_ray.listener import Expected
+from wrongturn_ray.programs import Program, Programs, Resources
+from wrongturn_ray.sandboxes import RaySandboxes
+from wrongturn_ray.settings import host_and_port
 from wrongturn_runner.messages import BUSY, CheckJob, Job
-from wrongturn_service.cluster.listener import Expected
-from wrongturn_service.cluster.options import host_and_port
-from wrongturn_service.cluster.programs import Program, Programs, Resources
 from wrongturn_service.settings import Settings
 from wrongturn_service.submissions.local_runners import COMMAND
-from wrongturn_service.submissions.ray_sandboxes import RaySandboxes
 from wrongturn_service.submissions.runners import LINE, HaltedError, NoRoomError, Runner, RunnerLostError
 
 CORES: Final = 0.1
@@ -80,7 +80,7 @@ class RayRunners:
         self._programs = programs
         self._sandboxes = sandboxes
         self._settings = settings
-        self._command = ("-P", "-m", "wrongturn_service.cluster.piped", "{service}", *command[1:])
+        self._command = ("-P", "-m", "wrongturn_ray.piped", "{service}", *command[1:])
         self._url = ""
         self._opening: asyncio.Task[None] | None = None
         self._log = structlog.get_logger("submissions")

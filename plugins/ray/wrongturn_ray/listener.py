@@ -12,7 +12,7 @@ from typing import Any, Final
 import structlog
 from typing_extensions import override
 
-from wrongturn_service.cluster.connecting import keep_watch
+from wrongturn_ray.connecting import keep_watch
 from wrongturn_service.logs import LogThrottle
 
 _STRANGERS: Final = 256

@@ -1,4 +1,4 @@
-"""Programs on a node of a Ray cluster. Real clusters are in ``test_submissions_ray.py``."""
+"""Programs on a node of a Ray cluster. Real clusters are in ``test_clusters.py``."""
 
 import asyncio
 import contextlib
@@ -10,17 +10,18 @@ from pathlib import Path
 import pytest
 from app_harness import until
 from pydantic import ValidationError
-from service_harness import await_that
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-
 from ray_nodes import Nodes
+from service_harness import await_that
+from typer.testing import CliRunner
 
-from wrongturn_service.cluster import listener as listening
-from wrongturn_service.cluster import node
-from wrongturn_service.cluster.connecting import CertificateError, connect, way
-from wrongturn_service.cluster.listener import Listener
-from wrongturn_service.cluster.options import server_tls
+from wrongturn_client.cli import app
+from wrongturn_protocol import installing
+from wrongturn_ray import listener as listening
+from wrongturn_ray import node
+from wrongturn_ray.connecting import CertificateError, connect, way
+from wrongturn_ray.listener import Listener
+from wrongturn_ray.settings import RaySettings, server_tls
+from wrongturn_service.cli import wrong_settings
 from wrongturn_service.settings import Settings
 
 
@@ -28,16 +29,14 @@ def test_a_program_on_a_node(tmp_path: Path) -> None:
     program = "import os, sys; print(open('a.txt').read(), os.environ['NAME'], file=sys.stderr); sys.exit(3)"
     end = node.run(["-c", program], {"NAME": "x"}, {"a.txt": b"text"}, node.versions())
     assert (end["status"], end["words"], end["why"]) == (3, "text x\n", None)
-    end = node.run(["-c", program], {}, {}, {"Python": "3.1", "wrongturn-service": "9"})
+    end = node.run(["-c", program], {}, {}, {"Python": "3.1", "wrongturn-ray": "9"})
     assert end["status"] is None
-    assert end["why"].endswith(
-        "but the service Python 3.1, wrongturn-service 9; install the same versions on all nodes"
-    )
+    assert end["why"].endswith("but the service Python 3.1, wrongturn-ray 9; install the same versions on all nodes")
 
 
 def test_a_program_ends_with_the_task_that_started_it(tmp_path: Path) -> None:
     command = "['-c', 'import time; time.sleep(99)']"
-    code = f"from wrongturn_service.cluster import node; node.run({command}, {{}}, {{}}, node.versions())"
+    code = f"from wrongturn_ray import node; node.run({command}, {{}}, {{}}, node.versions())"
     with subprocess.Popen([sys.executable, "-c", code]) as task:
         await_that(lambda: len(Nodes.children(task.pid)) == 1, "no program")
         (program,) = Nodes.children(task.pid)
@@ -117,16 +116,44 @@ def _read(stream: object) -> bytes:
 )
 def test_settings_that_cannot_be(name: str, value: str, says: str) -> None:
     with pytest.raises(ValidationError, match=f"{name}\n.*{says}"):
-        Settings(**{name: value})
+        (RaySettings if name.startswith("ray_") else Settings)(**{name: value})
 
 
-def test_without_ray_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing imports Ray unless it is asked for, and then the error names the extra."""
+def test_a_wrong_variable_is_named_if_ray_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("WRONGTURN_RAY_LISTEN", "8001")
+    assert Settings(simulators=2).checked().simulators == 2
+    with pytest.raises(ValidationError) as error:
+        Settings(simulators="ray").checked()
+    assert [*wrong_settings(error.value)] == [
+        "WRONGTURN_RAY_LISTEN: is '8001'; give an address and a port like 10.0.0.1:8001 or [::1]:8001"
+    ]
+
+
+def test_nothing_loads_ray_unless_it_is_asked_for() -> None:
     settings = Settings(simulators="ray:5")
     assert (settings.most_simulators, settings.max_parallel, settings.max_open) == (5, 5, 20)
-    monkeypatch.setattr("wrongturn_service.cluster.options.find_spec", lambda _: None)
-    with pytest.raises(ValidationError, match=r"simulators\n.*pip install .*service\[ray\]"):
-        Settings(simulators="ray")
-    assert Settings(simulators=2).simulators == 2
     code = "import sys, wrongturn_service.server, wrongturn_service.simulators.worker; sys.exit('ray' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.fixture
+def _not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(installing, "entry_points", lambda **_: ())
+
+
+@pytest.mark.usefixtures("_not_installed")
+@pytest.mark.parametrize(("name", "value"), [("simulators", "ray"), ("simulators", "ray:5"), ("runners", "ray")])
+def test_settings_name_the_package_that_is_missing(name: str, value: str) -> None:
+    with pytest.raises(ValidationError) as error:
+        Settings(**{name: value})
+    assert f"{name}\n" in str(error.value)
+    assert installing.install("wrongturn-ray") in str(error.value)
+    assert Settings(simulators=2).simulators == 2
+
+
+@pytest.mark.usefixtures("_not_installed")
+@pytest.mark.parametrize("words", [("run", "careful", "--suite", "smoke@3"), ("train", "ppo-image", "--steps", "1")])
+def test_commands_name_the_package_that_is_missing(words: tuple[str, ...]) -> None:
+    done = CliRunner().invoke(app, [*words, "--ray"])
+    assert str(done.exception).startswith("--ray: needs Ray")
+    assert installing.install("wrongturn-ray") in str(done.exception)

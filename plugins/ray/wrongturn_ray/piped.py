@@ -1,4 +1,4 @@
-"""Runs a program on a node whose stdin and stdout are the service's: ``python -m wrongturn_service.cluster.piped``.
+"""Runs a program on a node whose stdin and stdout are the service's: ``python -m wrongturn_ray.piped``.
 
 The arguments are ``HOST:PORT``, where the service expects this process, and the arguments of Python for the program.
 The program gets few of the node's variables. It is told by the end of its stdin that the service is gone.
@@ -13,11 +13,9 @@ import subprocess
 import sys
 from typing import Final
 
-from wrongturn_service.child_environment import child_environment
-from wrongturn_service.cluster.connecting import connect
+from wrongturn_ray.connecting import connect
+from wrongturn_service.child_environment import NICE, child_environment
 
-NICE: Final = 5
-"""A runner gives way to simulators, which other agents use too."""
 _PART: Final = 1 << 16
 _GRACE_S: Final = 2.0
 """Seconds in which the program has to end after its stdin."""

@@ -14,19 +14,17 @@ import pytest
 import small_models
 from app_harness import until
 from corpus import CORPUS, Case
+from ray_nodes import Nodes
 from service_harness import OPERATOR, RunningService, await_that, expect, figure, running_service
 from submission_owner import Owner
 from test_submissions_real import SOME, outcome
 
+from wrongturn_ray.programs import Programs, Resources
+from wrongturn_ray.sandboxes import RaySandboxes
+from wrongturn_ray.settings import RaySettings
 from wrongturn_sandbox import SandboxUnavailableError, bubblewrap, gpu
 from wrongturn_sandbox.session import providers
-from wrongturn_service.cluster.programs import Programs, Resources
 from wrongturn_service.settings import Settings
-from wrongturn_service.submissions.ray_sandboxes import RaySandboxes
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-
-from ray_nodes import Nodes
 
 pytestmark = pytest.mark.slow
 EPISODES = 12
@@ -126,16 +124,15 @@ def test_hostile_uploads_fail_with_their_reasons(owner: Owner, tmp_path: Path, c
 
 @pytest.mark.soak
 async def test_the_tests_of_the_sandbox_pass_on_a_node(nodes: Mixed) -> None:
-    settings = Settings(runners="ray", ray_address=nodes.address, ray_listen="127.0.0.1:0")
-    programs = Programs(settings)
-    sandboxes = RaySandboxes(programs, settings)
+    programs = Programs(RaySettings(ray_address=nodes.address, ray_listen="127.0.0.1:0"))
+    sandboxes = RaySandboxes(programs, Settings(runners="ray"))
     programs.changed = sandboxes.wake
     await programs.open()
     await until(lambda: len(programs.nodes) == 3)
     sandboxes.open("")
     await until(lambda: sandboxes.complete)
     good = [node.id for node in programs.nodes if node.id in sandboxes.nodes and node.cores]
-    tests = str(Path(__file__).parents[1] / "sandbox")
+    tests = str(Path(__file__).parents[3] / "tests/sandbox")
     command = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not soak", "--rootdir", tests, tests)
     async with programs.starting(command, asyncio.Protocol, Resources(cores=0.2), nodes=good) as (program, _):
         end = await program.ended

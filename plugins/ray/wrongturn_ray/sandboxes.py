@@ -8,8 +8,9 @@ from typing import Final
 
 import structlog
 
+from wrongturn_ray.programs import End, Node, Programs, Resources
+from wrongturn_ray.settings import RaySettings
 from wrongturn_sandbox import SandboxUnavailableError
-from wrongturn_service.cluster.programs import End, Node, Programs, Resources
 from wrongturn_service.settings import Settings
 
 _PATIENCE_S: Final = 90.0
@@ -128,14 +129,7 @@ class RaySandboxes:
 
     async def _answer(self, node: Node) -> End | None:
         """Return how the question ended, None if it found no room on the node."""
-        command = (
-            "-P",
-            "-m",
-            "wrongturn_service.submissions.asked",
-            self._url,
-            self._socket,
-            *(["gpu"] * bool(self._gpus)),
-        )
+        command = ("-P", "-m", "wrongturn_ray.asked", self._url, self._socket, *(["gpu"] * bool(self._gpus)))
         # It waits for no processor, and needs a GPU for the blink of an eye.
         resources = Resources(cores=0.0, gpus=min(self._gpus, 0.01))
         async with self._programs.starting(command, asyncio.Protocol, resources, nodes=(node.id,)) as (program, _):
@@ -170,7 +164,7 @@ def probe_nodes(settings: Settings) -> str:
     """Ask all nodes and return what :meth:`RaySandboxes.look` says. Raises SandboxUnavailableError."""
 
     async def ask() -> str:
-        programs = Programs(settings)
+        programs = Programs(RaySettings())
         sandboxes = RaySandboxes(programs, settings)
         programs.changed = sandboxes.wake
         news = asyncio.Event()
