@@ -84,6 +84,12 @@ def test_what_the_trials_cannot_tell_is_left_open() -> None:
         effects_of([])
 
 
+def test_a_variance_that_is_zero_but_for_rounding_gives_no_interval() -> None:
+    # Two unsafe trials that balance each other: of the third column, nothing is left but -1e-18.
+    found = told([one._replace(unsafe=number in {13, 43}) for number, one in enumerate(observed())])
+    assert [one.difference is None for one in found] == [False, False, True]
+
+
 def test_the_intervals_cover(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simulated, "RUNS", 60)
     for covered, width in simulated.coverage(WRONG_COMMAND, "by fault, type, town, weather", 1.0).values():

@@ -7,6 +7,7 @@ variance is too small. So it is the bias-reduced one (L. Mancl and T. DeRouen, "
 improved small-sample properties", 2001), with Student's t of one degree of freedom less than there are clusters.
 """
 
+import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
@@ -19,6 +20,8 @@ from wrongturn_protocol.intervals import DRAWN, LEVEL, town_of
 
 LEAST_CLUSTERS: Final = 6
 """With fewer clusters there is no interval."""
+_ZERO: Final = 1e-12
+"""Variances up to this are zero but for rounding, which leaves some 1e-18."""
 
 
 class Observed(NamedTuple):
@@ -129,10 +132,12 @@ def _fit(unsafe: Any, design: Any, clusters: Any) -> list[tuple[float | None, ..
         result = GEE(unsafe, design, groups=clusters).fit(cov_type="bias_reduced")
     freedom = int(clusters.max())
     found: list[tuple[float | None, ...]] = []
-    for value, deviation in zip(result.params[1:].tolist(), result.bse[1:].tolist(), strict=True):
-        if not deviation > 1e-9:  # nan too
+    # Not GEE's ``bse``: it takes the root of variances that are zero but for rounding, and so may be negative.
+    for value, variance in zip(result.params[1:].tolist(), np.diag(result.cov_robust_bc)[1:].tolist(), strict=True):
+        if not variance > _ZERO:  # nan too
             found.append((None,) * 4)
             continue
+        deviation = math.sqrt(variance)
         half = float(t.ppf(1 - LEVEL / 2, freedom)) * deviation
         found.append((value, value - half, value + half, float(2 * t.sf(abs(value) / deviation, freedom))))
     return found
