@@ -39,6 +39,6 @@ from .gym_env import RemoteEnv as RemoteEnv
 from .local_service import LocalService as LocalService
 from .policy import Action as Action
 from .policy import Policy as Policy
-from .tracking import Tracker as Tracker
-from .tracking import TrackerGains as TrackerGains
+from .policy import Tracker as Tracker
+from .policy import TrackerGains as TrackerGains
 from .vector_env import RemoteVectorEnv as RemoteVectorEnv

@@ -9,11 +9,12 @@ from typing import Any, Final, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from wrongturn_client.closing import Closing
-from wrongturn_client.errors import ApiError, InvalidActionError, ProtocolError, WrongturnError
+from wrongturn_client.errors import ApiError, InvalidActionError, PolicyError, ProtocolError, WrongturnError
 from wrongturn_protocol import Action, ActionLike, EpisodeDetail, EpisodeReply, PracticeRequest, StepReply, Track
 from wrongturn_protocol.actions import three_numbers
 from wrongturn_protocol.episodes import ActionError
-from wrongturn_protocol.observations import FIELDS
+from wrongturn_protocol.observations import FIELDS, Observation, decode, decode_rig, fields_of
+from wrongturn_protocol.rigs import RigError, Sight, rig_of
 from wrongturn_protocol.wire import Call
 
 M = TypeVar("M", bound=BaseModel)
@@ -81,6 +82,36 @@ def track_of_message(observation: Mapping[str, Any]) -> Track:
     if track is None:
         raise ProtocolError(f"no track has observations of just {', '.join(sorted(observation))}; {_SAME_VERSION}")
     return track
+
+
+def decoded(message: Mapping[str, Any]) -> Observation:
+    """Return the arrays of an observation in JSON or msgpack, of a track or a rig. Raises ValueError."""
+    track = _TRACKS.get(frozenset(message))
+    shapes = {field.name: list(field.shape) for field in FIELDS[track] if field.image} if track is not None else {}
+    if track is None or any(list(message[name]["shape"]) != shape for name, shape in shapes.items()):
+        return decode_rig(message)
+    return decode(message, track)
+
+
+def sight_of_policy(policy: object, observation: Observation) -> Sight:
+    """Return what a policy is shown: its ``rig``, or the track of an observation.
+
+    Raises:
+        PolicyError: The policy's rig is none, or the agent was registered with another one.
+    """
+    try:
+        rig = rig_of(getattr(policy, "rig", None))
+    except RigError as error:
+        raise PolicyError(f"{type(policy).__name__}.{error}") from None
+    fields = {field.name: field.shape for field in fields_of(track_of_message(observation) if rig is None else rig)}
+    shapes = {name: array.shape for name, array in observation.items()}
+    if shapes != fields:
+        wrong = next(name for name in (*fields, *shapes) if fields.get(name) != shapes.get(name))
+        raise PolicyError(
+            f"{type(policy).__name__}.rig: {wrong} is {fields.get(wrong, 'not in it')}, and the service shows "
+            f"{shapes.get(wrong, 'none')}; the agent was registered with another rig: register it anew with this one"
+        )
+    return rig or track_of_message(observation)
 
 
 class OneThread:

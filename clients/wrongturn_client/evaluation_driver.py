@@ -12,13 +12,12 @@ from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from typing import Final
 
-from wrongturn_client.episode_calls import EpisodeCalls, action_of, track_of_message
+from wrongturn_client.episode_calls import EpisodeCalls, sight_of_policy
 from wrongturn_client.errors import (
     EpisodeFinishedError,
     EpisodeLostError,
     EvaluationFinishedError,
     EvaluationStalledError,
-    InvalidActionError,
     NoTrialAvailableError,
     PolicyError,
     ProtocolError,
@@ -28,6 +27,8 @@ from wrongturn_client.errors import (
 )
 from wrongturn_client.policy import Policy, PolicyMaker
 from wrongturn_protocol import Action, EpisodeRecord, EpisodeReply
+from wrongturn_protocol.answers import driver_of
+from wrongturn_protocol.episodes import ActionError
 from wrongturn_protocol.observations import Observation, observation_space
 
 _STALLED_AFTER: Final = 900.0
@@ -195,13 +196,19 @@ def _driven(
 ) -> bool:
     """Drive an episode on from its last reply; return whether it ended, and not only was stopped."""
     with _aborting(calls, episode):
-        policy.reset(observation_space(track_of_message(observation)))
+        sight = sight_of_policy(policy, observation)
+        policy.reset(observation_space(sight))
+        control = driver_of(sight)
     while stop is None or not stop.is_set():
         with _aborting(calls, episode):
             begin = time.perf_counter()
             given = policy.act(observation)
             latency = time.perf_counter() - begin
-            action = _action_of(policy, given)
+            try:
+                action = control(given, observation)
+            except ActionError as error:
+                named = type(policy).__name__
+                raise PolicyError(f"{named}.act returned no action that can be driven: {error}") from None
         if recorder is not None:
             recorder.add(action, latency)
         seq += 1
@@ -223,10 +230,3 @@ def _aborting(calls: EpisodeCalls, episode: str) -> Iterator[None]:
         with contextlib.suppress(WrongturnError):  # the first error matters more
             calls.abort_episode(episode)
         raise
-
-
-def _action_of(policy: Policy, given: object) -> Action:
-    try:
-        return action_of(given)
-    except InvalidActionError as error:
-        raise PolicyError(f"{type(policy).__name__}.act returned no action that can be driven: {error}") from None

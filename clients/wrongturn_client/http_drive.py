@@ -5,18 +5,10 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any, Final
 
-from wrongturn_client.episode_calls import (
-    DriveConnection,
-    EpisodeCall,
-    EpisodeCalls,
-    Result,
-    track_of_message,
-    validated,
-)
+from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, EpisodeCalls, Result, decoded, validated
 from wrongturn_client.errors import ApiError, ProtocolError
 from wrongturn_client.transport import Transport, path_of
 from wrongturn_protocol import Command, EpisodeDetail, EpisodeReply, StepReply, WhatIfRequest
-from wrongturn_protocol.observations import decode
 from wrongturn_protocol.wire import Call
 
 _REPLIES: Final[dict[str, type[StepReply | EpisodeReply | EpisodeDetail]]] = {
@@ -91,7 +83,7 @@ def _with_arrays(reply: Any) -> dict[str, Any]:
     if not isinstance(observation, Mapping):
         raise ProtocolError(f"an observation must be an object, not {type(observation).__name__}")
     try:
-        reply["observation"] = decode(observation, track_of_message(observation))
+        reply["observation"] = decoded(observation)
     except (ValueError, KeyError, TypeError) as error:
         raise ProtocolError(f"an observation cannot be read: {error}") from error
     return reply

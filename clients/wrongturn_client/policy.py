@@ -8,6 +8,8 @@ from gymnasium import spaces
 
 from wrongturn_protocol import Action as Action  # noqa: PLC0414 - public in wrongturn_client too
 from wrongturn_protocol import ActionLike
+from wrongturn_protocol import Tracker as Tracker  # noqa: PLC0414
+from wrongturn_protocol import TrackerGains as TrackerGains  # noqa: PLC0414
 from wrongturn_protocol.observations import Observation
 
 

@@ -165,11 +165,13 @@ class TypedCalls(RestCalls):
         homepage: str | None = None,
         kind: protocol.AgentKind = protocol.AgentKind.SUBMITTED,
         trained_on_faults: bool = False,
+        rig: protocol.Rig | None = None,
     ) -> protocol.RegisteredAgent:
         """Register an agent. Its token is shown only now. Other kinds than ``submitted`` need the operator's token.
 
         With an owner's token the agent is that owner's. Without a token an owner of the agent's name is made. Say with
-        ``trained_on_faults`` that it met wrong commands in its training; the leaderboard marks it.
+        ``trained_on_faults`` that it met wrong commands in its training; the leaderboard marks it. A ``rig`` says what
+        it sees, is told and answers with, if that is not what its track shows.
 
         Raises:
             ValueError: The name, the track or another argument is not valid; the message names it.
@@ -182,6 +184,7 @@ class TypedCalls(RestCalls):
             homepage=homepage,
             kind=kind,
             trained_on_faults=trained_on_faults,
+            rig=rig,
         )
         return self._create(protocol.RegisteredAgent, registration.model_dump(mode="json"), "agents")
 

@@ -79,6 +79,13 @@ from .results import StrictUnsafeCount as StrictUnsafeCount
 from .results import TableCell as TableCell
 from .results import TwinCount as TwinCount
 from .results import UnsafeCount as UnsafeCount
+from .rigs import NavigationInput as NavigationInput
+from .rigs import Rig as Rig
+from .rigs import RigAction as RigAction
+from .rigs import RigCamera as RigCamera
+from .rigs import RigError as RigError
+from .rigs import Sight as Sight
+from .rigs import TrackerGains as TrackerGains
 from .run_file import DrivenEpisode as DrivenEpisode
 from .run_file import RunFile as RunFile
 from .run_file import RunFormatError as RunFormatError
@@ -87,6 +94,7 @@ from .submissions import SubmissionDetail as SubmissionDetail
 from .submissions import SubmissionList as SubmissionList
 from .submissions import SubmissionLog as SubmissionLog
 from .submissions import SubmissionLogLine as SubmissionLogLine
+from .tracking import Tracker as Tracker
 from .trial_options import OptionError as OptionError
 from .trial_options import TrialKeywords as TrialKeywords
 from .trial_options import TrialOptions as TrialOptions

@@ -1,11 +1,19 @@
 """Messages about owners and agents."""
 
-from typing import Annotated, Final, LiteralString
+from typing import Annotated, Final, LiteralString, Self
 
-from pydantic import Field, StringConstraints, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic import (
+    Field,
+    StringConstraints,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
-from wrongturn_protocol.episodes import Message
+from wrongturn_protocol.episodes import Message, is_none
+from wrongturn_protocol.rigs import Rig, sight_of
 from wrongturn_protocol.vocabulary import AgentKind, Track
 
 NAME_RULE: Final = (
@@ -88,6 +96,13 @@ class AgentRegistration(Message):
     """Kinds other than ``submitted`` need the operator's token."""
     trained_on_faults: bool = False
     """True for an agent that met wrong commands in its training. The leaderboard marks it."""
+    rig: Rig | None = Field(default=None, exclude_if=is_none)
+    """Cameras, navigation inputs, rate and kind of action. None: what the track shows."""
+
+    @model_validator(mode="after")
+    def _rig_is_the_tracks(self) -> Self:
+        sight_of(self.track, self.rig)
+        return self
 
 
 class AgentDetail(Message):
@@ -103,6 +118,8 @@ class AgentDetail(Message):
     homepage: str | None = None
     trained_on_faults: bool = False
     """Whether it met wrong commands in its training, as its owner says."""
+    rig: Rig | None = Field(default=None, exclude_if=is_none)
+    """Its rig. None: what the track shows."""
 
 
 class AgentList(Message):

@@ -1,5 +1,7 @@
 """Observations: one table of fields for the Gymnasium spaces, JSON and msgpack.
 
+A track has the same fields for everybody; a rig has those that its agent declares.
+
 Spaces are flat and have no 0-d boxes, because Stable-Baselines3 fails with nested or scalar ones.
 """
 
@@ -7,13 +9,15 @@ import base64
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, Final
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import DTypeLike, NDArray
 
+from wrongturn_protocol.installing import install
+from wrongturn_protocol.rigs import NavigationInput, Sight
 from wrongturn_protocol.vocabulary import Track
 
 Observation = dict[str, NDArray[Any]]
@@ -25,6 +29,8 @@ ROAD_USERS: Final = 32
 """Rows of ``road_users``."""
 IMAGE_SHAPE: Final = (64, 192)
 """Rows and columns of the camera's pictures."""
+SENTENCE: Final = 160
+"""Bytes of a sentence."""
 _LINE: Final = 100
 
 
@@ -41,6 +47,10 @@ class Field:
     """One sentence for the documentation."""
     image: bool = False
     """Whether it is a picture; pictures are base64 in JSON."""
+    jpeg: int | None = None
+    """Quality of the JPEGs that it is sent as; None for raw bytes."""
+    text: bool = False
+    """Whether it is UTF-8 with zeros behind, which is sent as a string."""
 
     @cached_property
     def scalar(self) -> bool:
@@ -61,8 +71,21 @@ class Field:
 _ALWAYS: Final = (
     Field("speed", np.float32, (1,), 0.0, 22.0, "Speed, m/s."),
     Field("steering", np.float32, (1,), -1.0, 1.0, "Steering as last applied: -1 is full left, 1 full right."),
-    Field("command", np.int64, (1,), -1, 4, "-1 VOID, 1 LEFT, 2 RIGHT, 3 STRAIGHT, 4 LANE_FOLLOW."),
 )
+_COMMANDS: Final = "-1 VOID, 1 LEFT, 2 RIGHT, 3 STRAIGHT, 4 LANE_FOLLOW."
+_NAVIGATION: Final = {
+    NavigationInput(field.name): field
+    for field in (
+        Field("command", np.int64, (1,), -1, 4, _COMMANDS),
+        Field("next_command", np.int64, (1,), -1, 4, f"The command after this one. {_COMMANDS}"),
+        Field("distance", np.float32, (1,), -1.0, 1e4, "To the next direction's stop line, m; -1 where none comes."),
+        Field("target_points", np.float32, (2, 2), -np.inf, np.inf, "Two points of the commanded way: forward, left."),
+        Field("sentence", np.uint8, (SENTENCE,), 0, 255, "The command as a sentence, in UTF-8.", text=True),
+    )
+}
+_COMMAND: Final = _NAVIGATION[NavigationInput.COMMAND]
+NAVIGATION: Final = frozenset(map(str, NavigationInput))
+"""Keys of what a planner tells."""
 _RGB: Final = Field("rgb", np.uint8, (*IMAGE_SHAPE, 3), 0, 255, "The camera's picture, row by row.", image=True)
 _SEGMENTATION: Final = Field(
     "segmentation", np.uint8, IMAGE_SHAPE, 0, 10, "Class of each of the picture's pixels.", image=True
@@ -91,25 +114,43 @@ _PRIVILEGED: Final = (
     Field("road_users_count", np.int64, (1,), 0, ROAD_USERS, "Number of rows of road_users that hold somebody."),
 )
 FIELDS: Final[Mapping[Track, tuple[Field, ...]]] = {
-    Track.STATE: _ALWAYS,
-    Track.CAMERA: (*_ALWAYS, _RGB),
-    Track.SEGMENTATION: (*_ALWAYS, _RGB, _SEGMENTATION),
-    Track.PRIVILEGED: (*_ALWAYS, *_PRIVILEGED),
+    Track.STATE: (*_ALWAYS, _COMMAND),
+    Track.CAMERA: (*_ALWAYS, _COMMAND, _RGB),
+    Track.SEGMENTATION: (*_ALWAYS, _COMMAND, _RGB, _SEGMENTATION),
+    Track.WORDS: (*_ALWAYS, _NAVIGATION[NavigationInput.SENTENCE], _RGB),
+    Track.PRIVILEGED: (*_ALWAYS, _COMMAND, *_PRIVILEGED),
 }
 """Fields of each track, in order."""
 
 
-def observation_space(track: Track, image_shape: tuple[int, int] = IMAGE_SHAPE) -> spaces.Dict:
-    """Return the Gymnasium space of a track: a flat ``Dict`` of ``Box``.
+@cache
+def fields_of(sight: Sight) -> tuple[Field, ...]:
+    """Return the fields of a track or a rig, in order."""
+    if isinstance(sight, Track):
+        return FIELDS[sight]
+    pictures = (
+        Field(one.name, np.uint8, one.shape, 0, 255 if one.kind == "rgb" else 10, "A picture.", True, one.jpeg)
+        for one in sight.cameras
+    )
+    return (*_ALWAYS, *(_NAVIGATION[one] for one in sight.navigation), *pictures)
 
-    ``image_shape`` is rows and columns of pictures. The service has the default only; in process, cameras may differ.
+
+def text(sentence: NDArray[np.uint8]) -> str:
+    """Return the text of an observation's ``sentence``."""
+    return bytes(sentence).rstrip(b"\0").decode("utf-8", "replace")
+
+
+def observation_space(sight: Sight, image_shape: tuple[int, int] = IMAGE_SHAPE) -> spaces.Dict:
+    """Return the Gymnasium space of a track or rig: a flat ``Dict`` of ``Box``.
+
+    ``image_shape`` is rows and columns of a track's pictures, which may differ in process.
     """
 
     def box(field: Field) -> spaces.Box:
-        shape = (*image_shape, *field.shape[2:]) if field.image else field.shape
+        shape = (*image_shape, *field.shape[2:]) if field.image and isinstance(sight, Track) else field.shape
         return spaces.Box(field.low, field.high, shape, field.numpy_dtype.type)
 
-    return spaces.Dict({field.name: box(field) for field in FIELDS[track]})
+    return spaces.Dict({field.name: box(field) for field in fields_of(sight)})
 
 
 def json_schema(track: Track) -> dict[str, Any]:
@@ -153,6 +194,8 @@ def _property(field: Field) -> dict[str, Any]:
             "additionalProperties": False,
             **about,
         }
+    if field.text:
+        return {"type": "string", "maxLength": field.shape[0], **about}
     whole = np.issubdtype(field.numpy_dtype, np.integer)
     schema: dict[str, Any] = {"type": "integer" if whole else "number"}
     if math.isfinite(field.low):
@@ -182,12 +225,20 @@ def in_short(space: spaces.Space[Any]) -> str:
     return f"{' '.join(text.split())[:_LINE]}…"
 
 
-def encode(observation: Observation, track: Track, *, binary: bool = False) -> dict[str, Any]:
-    """Return an observation as plain values: for msgpack with raw bytes if ``binary``, else for JSON."""
+def encode(observation: Mapping[str, Any], sight: Sight, *, binary: bool = False) -> dict[str, Any]:
+    """Return an observation as plain values: for msgpack with raw bytes if ``binary``, else for JSON.
+
+    Pictures that are sent as JPEGs are given as a list of JPEGs, one for each picture of the history.
+    """
     message: dict[str, Any] = {}
-    for field in FIELDS[track]:
+    for field in fields_of(sight):
         array = observation[field.name]
-        if field.scalar:
+        if field.jpeg is not None:
+            data: Any = [one if binary else base64.b64encode(one).decode("ascii") for one in array]
+            message[field.name] = {"shape": list(field.shape), "dtype": field.dtype_name, "jpeg": data}
+        elif field.text:
+            message[field.name] = text(array)
+        elif field.scalar:
             message[field.name] = array.item()
         elif binary or field.image:
             # A view, so that a picture is copied only once, when the message is written.
@@ -199,24 +250,67 @@ def encode(observation: Observation, track: Track, *, binary: bool = False) -> d
     return message
 
 
-def decode(message: Mapping[str, Any], track: Track) -> Observation:
+def decode(message: Mapping[str, Any], sight: Sight) -> Observation:
     """Return the arrays of an observation from JSON or msgpack; raise ValueError if a field is missing or misshaped."""
     observation: Observation = {}
-    for field in FIELDS[track]:
+    for field in fields_of(sight):
         if field.name not in message:
-            raise ValueError(f"observation.{field.name}: missing; the {track} track has it")
-        value = message[field.name]
-        if isinstance(value, Mapping):
-            raw = value["data"]
-            raw = base64.b64decode(raw) if isinstance(raw, str) else raw
-            array = np.frombuffer(raw, field.numpy_dtype).copy()  # writable, as arrays made from lists are
-            if array.size == math.prod(field.shape):
-                array = array.reshape(field.shape)
-        elif field.scalar:
-            array = np.array([value], field.numpy_dtype)
-        else:
-            array = np.array(value, field.numpy_dtype)
+            raise ValueError(f"observation.{field.name}: missing; the {_named(sight)} has it")
+        array = _decoded(message[field.name], field.numpy_dtype, field.shape, text=field.text)
         if array.shape != field.shape:
-            raise ValueError(f"observation.{field.name}: has shape {array.shape}, the {track} track's is {field.shape}")
+            raise ValueError(
+                f"observation.{field.name}: has shape {array.shape}, the {_named(sight)}'s is {field.shape}"
+            )
         observation[field.name] = array
     return observation
+
+
+def decode_rig(message: Mapping[str, Any]) -> Observation:
+    """Return the arrays of a rig's observation, which says itself what its pictures are. Raises ValueError."""
+    observation: Observation = {}
+    known = {field.name: field for field in (*_ALWAYS, *_NAVIGATION.values())}
+    for name, value in message.items():
+        if (field := known.get(name)) is not None:
+            observation[name] = _decoded(value, field.numpy_dtype, field.shape, text=field.text)
+        elif isinstance(value, Mapping):
+            observation[name] = _decoded(value, np.dtype(np.uint8), tuple(map(int, value["shape"])))
+        else:
+            raise ValueError(f"observation.{name}: is no picture")
+    return observation
+
+
+def _named(sight: Sight) -> str:
+    return f"{sight} track" if isinstance(sight, Track) else "rig"
+
+
+def _decoded(value: Any, dtype: "np.dtype[Any]", shape: tuple[int, ...], *, text: bool = False) -> NDArray[Any]:
+    """Return the array of one field; of another shape if the value has another size."""
+    if isinstance(value, Mapping) and "jpeg" in value:
+        pictures = [picture_of(base64.b64decode(one) if isinstance(one, str) else one) for one in value["jpeg"]]
+        return np.stack(pictures).reshape(shape)
+    if isinstance(value, Mapping):
+        raw = value["data"]
+        raw = base64.b64decode(raw) if isinstance(raw, str) else raw
+        array = np.frombuffer(raw, dtype).copy()  # writable, as arrays made from lists are
+        return array.reshape(shape) if array.size == math.prod(shape) else array
+    if text:
+        return sentence_of(str(value))
+    return np.array([value] if shape == (1,) else value, dtype)
+
+
+def sentence_of(words: str) -> NDArray[np.uint8]:
+    """Return a text as an observation holds it, (160,)."""
+    raw = words.encode()[:SENTENCE]
+    return np.frombuffer(raw + bytes(SENTENCE - len(raw)), np.uint8).copy()
+
+
+def picture_of(jpeg: bytes) -> NDArray[np.uint8]:
+    """Return the picture of a JPEG, (height, width, 3), red first. Raises ValueError, ImportError."""
+    try:
+        import cv2  # noqa: PLC0415 - few rigs need it
+    except ImportError as error:
+        raise ImportError(f"pictures come as JPEGs; install: {install('opencv-python-headless')}") from error
+    found = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
+    if found is None:
+        raise ValueError("a picture is no JPEG")
+    return np.asarray(found, np.uint8)

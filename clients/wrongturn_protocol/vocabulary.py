@@ -74,6 +74,7 @@ class FaultKind(StrEnum):
     REVERSAL = "reversal"
     DROPOUT = "dropout"
     CORRECTED = "corrected"
+    CONTRADICTION = "contradiction"
     PITCH = "pitch"
     HEIGHT = "height"
     FOCAL_LENGTH = "focal_length"
@@ -103,6 +104,8 @@ class Track(StrEnum):
 
     CAMERA = "camera"
     SEGMENTATION = "segmentation"
+    WORDS = "words"
+    """As ``camera``, with a sentence in place of the command."""
     PRIVILEGED = "privileged"
     STATE = "state"
 

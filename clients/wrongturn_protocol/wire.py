@@ -11,7 +11,8 @@ A message holds one or more calls. Its reply holds the result of each call in th
 
 A *block* is an observation's arrays one after the other, in the order of
 :data:`~wrongturn_protocol.observations.FIELDS`, little-endian. Each array begins at a multiple of 8 bytes; the gaps are
-zeros.
+zeros. The block of a rig's observation is its msgpack message instead, which begins with the key ``speed``; an array's
+block has zeros there.
 """
 
 import math
@@ -25,7 +26,8 @@ from typing import Any, Final, NamedTuple
 import msgpack
 import numpy as np
 
-from wrongturn_protocol.observations import FIELDS, Observation
+from wrongturn_protocol.observations import FIELDS, Observation, decode_rig, encode
+from wrongturn_protocol.rigs import Rig, Sight
 from wrongturn_protocol.vocabulary import Track
 
 PATH: Final = "/v1/drive"
@@ -38,6 +40,8 @@ LARGEST: Final = 1 << 18
 RETRY_AFTER: Final = "retry_after_s"
 """Field of a problem that holds HTTP's ``Retry-After``, seconds."""
 _ALIGNMENT: Final = 8
+_MESSAGE: Final = b"\xa5speed"
+"""Second to seventh byte of a rig's block: the msgpack map's first key."""
 _TRIPLE: Final = b"\x93"
 """First byte of a msgpack array of three."""
 
@@ -112,7 +116,7 @@ class Block:
             (part.name, np.ndarray(part.shape, part.dtype, memory, part.offset)) for part in self.layout.parts
         ]
 
-    def write(self, observation: Observation) -> None:
+    def write(self, observation: Mapping[str, Any]) -> None:
         """Write an observation; raise ValueError if an array has another shape than the track's."""
         for name, array in self._arrays:
             given = observation[name]
@@ -122,15 +126,23 @@ class Block:
             array[...] = given
 
 
-def block(observation: Observation, track: Track) -> bytes:
-    """Return an observation of a track as one block."""
+def block(observation: Mapping[str, Any], track: Sight) -> bytes:
+    """Return an observation of a track or rig as one block."""
+    if isinstance(track, Rig):
+        packed: bytes = msgpack.packb(encode(observation, track, binary=True))
+        return packed
     memory = bytearray(layout(track).size)
     Block(memory, track).write(observation)
     return bytes(memory)
 
 
 def arrays(data: bytes | memoryview) -> Observation:
-    """Return the arrays of a block, which share one copy of it; raise MalformedMessageError for any other length."""
+    """Return the arrays of a block, a track's share one copy of it; raise MalformedMessageError if it is none."""
+    if data[1:7] == _MESSAGE:
+        try:
+            return decode_rig(_unpacked(data))
+        except (ValueError, KeyError, TypeError) as error:
+            raise MalformedMessageError(f"a rig's observation cannot be read: {error}") from error
     found = _LAYOUTS.get(len(data))
     if found is None:
         raise MalformedMessageError(f"no track's observation is a block of {len(data)} bytes")

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -165,7 +165,7 @@ def read_suite(path: Path) -> Suite:
             version=content["version"],
             title=content["title"],
             sha256=sha256,
-            tracks=tuple(Track(track) for track in content["tracks"]),
+            tracks=_takes(content["tracks"]),
             listed=tuple(Trial.model_validate(trial) for trial in content.get("trials", ())),
             cells=tuple(Cell.model_validate(cell) for cell in content.get("cells", ())),
             towns=MappingProxyType({str(town): str(told) for town, told in content.get("towns", {}).items()}),
@@ -174,6 +174,11 @@ def read_suite(path: Path) -> Suite:
         raise
     except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
         raise CorruptFileError(f"suite {path.stem}: {error}; install its package again") from error
+
+
+def _takes(tracks: Sequence[str]) -> tuple[Track, ...]:
+    """Return the tracks of a suite's file, and ``words`` with ``camera``: suites never change, and it came later."""
+    return tuple(each for track in map(Track, tracks) for each in (track, Track.WORDS)[: 1 + (track is Track.CAMERA)])
 
 
 def check_suite(suite: Suite) -> None:

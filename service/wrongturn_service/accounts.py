@@ -11,9 +11,12 @@ from wrongturn_protocol import (
     EvaluationState,
     PracticeRequest,
     ProblemType,
+    Rig,
+    Sight,
     SubmissionState,
     Track,
 )
+from wrongturn_protocol.rigs import rig_of
 from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service.errors import ForbiddenError, InvalidRequestError, UnauthenticatedError, unknown
 from wrongturn_service.settings import Settings
@@ -42,6 +45,7 @@ class Caller:
         owner: Id of the agent's owner.
         submission: Id of the submission whose runner calls. None for the agent itself.
         evaluation: The one evaluation that the runner may drive. None while it checks the model: then it may practise.
+        rig: The agent's rig; None: what its track shows.
     """
 
     id: str
@@ -49,6 +53,12 @@ class Caller:
     owner: str
     submission: str | None = None
     evaluation: str | None = None
+    rig: Rig | None = None
+
+    @property
+    def sight(self) -> Sight:
+        """What the agent is shown."""
+        return self.rig or self.track
 
     @property
     def holder(self) -> str:
@@ -170,7 +180,9 @@ class Accounts:
 
     async def _find(self, token_sha256: str) -> Caller | None:
         row = await self._store.agent_by_token(token_sha256)
-        return await self._runner(token_sha256) if row is None else Caller(row.id, Track(row.track), row.owner_id)
+        if row is None:
+            return await self._runner(token_sha256)
+        return Caller(row.id, Track(row.track), row.owner_id, rig=rig_of(row.rig))
 
     async def _runner(self, token_sha256: str) -> Caller | None:
         row = await self._submissions.by_token(token_sha256)
@@ -179,7 +191,9 @@ class Accounts:
         running = row.state == SubmissionState.RUNNING
         if running is (row.evaluation_id is None):
             return None  # its evaluation was deleted, or it is being moved
-        return Caller(row.agent_id, Track(row.track), row.owner_id, row.id, row.evaluation_id)
+        agent = await self._store.agent(row.agent_id)
+        rig = None if agent is None else rig_of(agent.rig)
+        return Caller(row.agent_id, Track(row.track), row.owner_id, row.id, row.evaluation_id, rig)
 
     async def submitter(self, authorization: str | None) -> Submitter:
         """Return who calls about submissions. Raises UnauthenticatedError; ForbiddenError for a runner's token."""
@@ -317,4 +331,5 @@ def detail(row: AgentRow) -> AgentDetail:
         description=row.description,
         homepage=row.homepage,
         trained_on_faults=bool(row.trained_on_faults),
+        rig=rig_of(row.rig),
     )

@@ -6,16 +6,16 @@ decodes it.
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import msgpack
 import orjson
 
-from wrongturn_protocol import Track, Verdict
+from wrongturn_protocol import Sight, Verdict
 from wrongturn_protocol.wire import result_head
 
 if TYPE_CHECKING:
-    from wrongturn_protocol.observations import Observation
+    from collections.abc import Mapping
 
 
 class Encoding(StrEnum):
@@ -37,7 +37,7 @@ class Reply:
     seq: int
     observation: bytes
     encoding: Encoding
-    track: Track
+    sight: Sight
     head: tuple[tuple[str, object], ...]
     tail: tuple[tuple[str, object], ...]
 
@@ -45,7 +45,7 @@ class Reply:
         """Return the reply's body in an encoding."""
         observation = self.observation
         if encoding is not self.encoding:
-            observation = _transcode(observation, self.track, self.encoding, encoding)
+            observation = _transcode(observation, self.sight, self.encoding, encoding)
         if encoding is Encoding.RAW:
             return b"".join(self._raw(observation))
         if encoding is Encoding.JSON:
@@ -59,7 +59,7 @@ class Reply:
     def pieces(self) -> tuple[bytes, bytes]:
         """Return the result for ``WS /v1/drive`` in two pieces. The second is the observation, not copied."""
         if self.encoding is not Encoding.RAW:
-            return self._raw(_transcode(self.observation, self.track, self.encoding, Encoding.RAW))
+            return self._raw(_transcode(self.observation, self.sight, self.encoding, Encoding.RAW))
         return self._raw(self.observation)
 
     def _raw(self, observation: bytes) -> tuple[bytes, bytes]:
@@ -72,7 +72,7 @@ def reset_reply(
     episode: str,
     observation: bytes,
     encoding: Encoding,
-    track: Track,
+    sight: Sight,
     *,
     town: str | None,
     trial: str | None,
@@ -81,14 +81,14 @@ def reset_reply(
     """Return the reply to a reset. It leaves out town and trial if they are None."""
     tail: list[tuple[str, object]] = [("lease_expires_in_s", lease_s)]
     tail += [(key, value) for key, value in (("town", town), ("trial", trial)) if value is not None]
-    return Reply(0, observation, encoding, track, (("id", episode), ("seq", 0)), tuple(tail))
+    return Reply(0, observation, encoding, sight, (("id", episode), ("seq", 0)), tuple(tail))
 
 
 def step_reply(
     seq: int,
     observation: bytes,
     encoding: Encoding,
-    track: Track,
+    sight: Sight,
     *,
     terminated: bool,
     truncated: bool,
@@ -101,7 +101,7 @@ def step_reply(
         tail += (("reward", reward),)
     if verdict is not None:
         tail += (("verdict", verdict.value),)
-    return Reply(seq, observation, encoding, track, (("seq", seq),), tail)
+    return Reply(seq, observation, encoding, sight, (("seq", seq),), tail)
 
 
 _OBSERVATION_JSON: Final = b',"observation":'
@@ -110,23 +110,23 @@ _MAP: Final = 0x80
 """First byte of a map of msgpack, with the number of its pairs: at most 15."""
 
 
-def _transcode(observation: bytes, track: Track, source: Encoding, encoding: Encoding) -> bytes:
+def _transcode(observation: bytes, sight: Sight, source: Encoding, encoding: Encoding) -> bytes:
     # Rare: a reply is asked for again in another encoding. Only then numpy and gymnasium are imported.
     from wrongturn_protocol import observations, wire  # noqa: PLC0415
 
     if source is Encoding.RAW:
-        return encoded(wire.arrays(observation), track, encoding)
+        return encoded(wire.arrays(observation), sight, encoding)
     unpack = orjson.loads if source is Encoding.JSON else msgpack.unpackb
-    return encoded(observations.decode(unpack(observation), track), track, encoding)
+    return encoded(observations.decode(unpack(observation), sight), sight, encoding)
 
 
-def encoded(observation: "Observation", track: Track, encoding: Encoding) -> bytes:
+def encoded(observation: "Mapping[str, Any]", sight: Sight, encoding: Encoding) -> bytes:
     """Encode an observation's arrays."""
     from wrongturn_protocol import observations, wire  # noqa: PLC0415
 
     if encoding is Encoding.RAW:
-        return wire.block(observation, track)
+        return wire.block(observation, sight)
     binary = encoding is Encoding.MSGPACK
-    message = observations.encode(observation, track, binary=binary)
+    message = observations.encode(observation, sight, binary=binary)
     packed: bytes = msgpack.packb(message) if binary else orjson.dumps(message)
     return packed

@@ -14,7 +14,7 @@ from wrongturn_judge.trajectory import RoadUser, Row, Trajectory
 from wrongturn_networks import town_of
 from wrongturn_networks.disturbances.disturbance import Disturbance
 from wrongturn_networks.faults import CommandFault, make_fault
-from wrongturn_protocol import Command, Outcome, Track, Trial, View
+from wrongturn_protocol import Command, Outcome, Rig, Sight, Track, Trial, View
 from wrongturn_protocol.observations import ROAD_USERS, Observation
 from wrongturn_sim.ego import SUB_STEP, SUB_STEPS, State, advance
 from wrongturn_sim.errors import (
@@ -23,6 +23,7 @@ from wrongturn_sim.errors import (
     InvalidActionError,
     InvalidTrialError,
 )
+from wrongturn_sim.navigation import Planner
 from wrongturn_sim.reward import reward
 from wrongturn_sim.route import Navigator, start_pose
 from wrongturn_sim.simulator import Simulation, Simulator
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
     from wrongturn_sim.camera import Camera, Renderer
     from wrongturn_sim.camera.renderer import Image
+    from wrongturn_sim.eyes import Eyes
 
 _row: Final = tuple.__new__  # makes a Row without parsing arguments, which takes longer than the car's dynamics
 _FLOAT32: Final = struct.Struct("<3f")
@@ -115,10 +117,12 @@ class Episode:
     The same trial and actions give the same bytes of observations, trajectory and outcome, whatever this process drove
     before.
 
-    The track decides what observations show. ``camera`` is its place and optics, in the tracks that have one; the
-    benchmark's by default. ``simulator`` is the process's, if the caller keeps one. ``strict`` is for training: a
-    journey ends when the car leaves its road or lane, or stands. With ``mirrored``, SUMO also carries a car that drives
-    alone, as in the service; nothing that the episode returns depends on it.
+    ``sight``, a track or a rig, decides what observations show; a rig also has its rate of decisions. ``camera`` is the
+    place and optics of a track's camera; the benchmark's by default. With ``compressed``, pictures that a rig wants as
+    JPEGs are lists of JPEGs, as :func:`~wrongturn_protocol.observations.encode` takes them. ``simulator`` is the
+    process's, if the caller keeps one. ``strict`` is for training: a journey ends when the car leaves its road or lane,
+    or stands. With ``mirrored``, SUMO also carries a car that drives alone, as in the service; nothing that the episode
+    returns depends on it.
 
     Raises:
         InvalidTrialError: a field of the trial is invalid.
@@ -129,16 +133,17 @@ class Episode:
     def __init__(
         self,
         trial: Trial,
-        track: Track,
+        sight: Sight,
         *,
         simulator: Simulator | None = None,
         camera: "Camera | None" = None,
         strict: bool = False,
         mirrored: bool = False,
+        compressed: bool = False,
     ) -> None:
         _check_trial(trial)
         self.trial = trial
-        self.track = track
+        self.sight = sight
         self.town = town_of(trial)
         self.strict = strict
         self.geometry = JudgeGeometry.of(self.town, trial) if trial.journey is None else JourneyGeometry.of(self.town)
@@ -147,9 +152,12 @@ class Episode:
         self._simulator = simulator or Simulator()
         edge = self.town.lanes[self.town.approach(trial.approach).lane].edge
         self._in_sumo = self._traffic or (TrafficPlan((), (), (edge,)) if mirrored else None)
-        self._privileged = track is Track.PRIVILEGED
+        self._privileged = sight is Track.PRIVILEGED
+        self._rate = sight.rate if isinstance(sight, Rig) else 10
         self._disturbance = self._fault if isinstance(self._fault, Disturbance) else None
-        self._renderer = self._eye(camera) if track in {Track.CAMERA, Track.SEGMENTATION} else None
+        self._renderer = self._eye(camera) if sight in {Track.CAMERA, Track.SEGMENTATION, Track.WORDS} else None
+        self._eyes = self._eyes_of(sight, compressed=compressed) if isinstance(sight, Rig) and sight.cameras else None
+        self._planner: Planner | None = None
         self._simulation: Simulation | None = None
         self._actions: list[bytes] = []
         self.trajectory = Trajectory(trial, self.town.sha256)
@@ -174,6 +182,12 @@ class Episode:
         self._navigator = Navigator(self.town, trial)
         self._fault = make_fault(trial)
         self._disturbance = self._fault if isinstance(self._fault, Disturbance) else None
+        if self._disturbance is not None:
+            self._disturbance.rate = self._rate
+        if isinstance(self.sight, Rig) or self.sight is Track.WORDS:
+            self._planner = Planner(self.sight, trial, self._fault, self._navigator)
+        if self._eyes is not None:
+            self._eyes.forget()
         self._judge = judge_of(self.geometry, trial, strict=self.strict)
         self._actions = []
         self.trajectory = Trajectory(trial, self.town.sha256, appearances=self._simulation.appearances)
@@ -191,7 +205,7 @@ class Episode:
         return self._observe()
 
     def step(self, steer: float, throttle: float, brake: float) -> Step:
-        """Drive for 0.1 s, or until there is a verdict.
+        """Drive until the next decision, 0.1 s or 0.05 s by the rig's rate, or until there is a verdict.
 
         Steer is -1 (full left) to 1 (full right); throttle and brake are 0 to 1, and the brake overrides the throttle.
 
@@ -215,13 +229,13 @@ class Episode:
         """Take many steps and return the last one's result; None if there are no actions.
 
         Only the last observation is made, so this is faster than calling :meth:`step`, whose errors it raises. A
-        disturbance is shown all of them.
+        disturbance and a rig's cameras, which remember, see all of them.
         """
         if not actions:
             return None
         for action in actions[:-1]:
             self._advance(*action)
-            if self._disturbance is not None:
+            if self._disturbance is not None or self._eyes is not None:
                 self._observe()
         return self.step(*actions[-1])
 
@@ -243,7 +257,7 @@ class Episode:
         command = int(self._command)
         route_command = int(self._guidance.command)
         turned = steer if self._disturbance is None else self._disturbance.steered(steer)
-        for _ in range(SUB_STEPS):
+        for _ in range(_PER_SECOND // self._rate):
             state = advance(*state, turned, throttle, brake, SUB_STEP)
             simulation.move(state[0], state[1], state[2])
             self._sub_steps += 1
@@ -273,11 +287,11 @@ class Episode:
         return hashlib.sha256(b"".join(self._actions)).hexdigest()
 
     def _guide(self) -> None:
-        """Ask the route and the fault for the command of the next 0.1 s."""
+        """Ask the route and the fault for the command until the next decision."""
         self._guidance: Guidance = self._navigator.update(self._state[0], self._state[1])
         self._command: Command = self._fault.deliver(self._sub_steps / _PER_SECOND, self._guidance)
         fork = self.trial.fork
-        if fork is not None and self.steps >= fork.decision:
+        if fork is not None and self._sub_steps >= fork.decision * SUB_STEPS:
             self._command = self._guidance.command if fork.command is None else fork.command
         if self._expected:
             self._update_expected_route()
@@ -303,12 +317,23 @@ class Episode:
             users = self._begun("step").road_users()
             return observe_privileged(self._state, self._command, self._navigator, users)
         observation = observe_state(self._state, self._command)
+        if self._planner is not None:
+            del observation["command"]
+            told = self._planner.told(self._sub_steps / _PER_SECOND, self._guidance, self._command, self._state)
+            observation.update(told)
+        if self._eyes is not None:
+            others = self._begun("step").others()
+            observation.update(self._eyes.look(self._state[:3], self.steps, others, self._developed))
         if self._renderer is not None:
             rgb, segmentation = self._seen_by(self._renderer)
-            observation["rgb"] = rgb
-            if self.track is Track.SEGMENTATION:
-                observation["segmentation"] = segmentation
+            pictures = {"rgb": rgb, "segmentation": segmentation}
+            if self.sight is not Track.SEGMENTATION:
+                del pictures["segmentation"]
+            observation.update(self._developed(pictures, self.steps))
         return observation
+
+    def _developed(self, pictures: Observation, decision: int) -> Observation:
+        return pictures if self._disturbance is None else self._disturbance.developed(pictures, decision)
 
     def view(self, view: View | str = View.BOTH, size: int | None = None, camera: "Camera | None" = None) -> "Image":
         """Return a picture of the moment for people, RGB uint8; its shape is that of :meth:`Replay.frames`.
@@ -340,6 +365,11 @@ class Episode:
         from wrongturn_sim.camera import Camera  # noqa: PLC0415 - slow, and only pictures need it
 
         return self._renderer_of(self._disturbance.mounted(camera or Camera()) if self._disturbance else camera)
+
+    def _eyes_of(self, rig: Rig, *, compressed: bool) -> "Eyes":
+        from wrongturn_sim.eyes import Eyes  # noqa: PLC0415 - as above
+
+        return Eyes(rig, self._eye, compressed=compressed)
 
     def _renderer_of(self, camera: "Camera | None") -> "Renderer":
         from wrongturn_sim.camera import Renderer, World  # noqa: PLC0415 - slow, and only pictures need it

@@ -90,3 +90,10 @@ class Polyline:
         self.points: Points = np.ascontiguousarray(points, np.float64)
         self.along: Points = measure(self.points)
         self.length = float(self.along[-1])
+
+    def at(self, s: float) -> tuple[float, float, float]:
+        """Return x, y and heading at a distance along the line; past its ends it goes on straight."""
+        i = min(max(int(np.searchsorted(self.along, s, side="right")) - 1, 0), len(self.along) - 2)
+        (ax, ay), (bx, by) = self.points[i].tolist(), self.points[i + 1].tolist()
+        heading, ahead = math.atan2(by - ay, bx - ax), s - float(self.along[i])
+        return ax + ahead * math.cos(heading), ay + ahead * math.sin(heading), heading

@@ -22,6 +22,7 @@ from wrongturn_networks.per_net import once_per_net
 from wrongturn_protocol import DIRECTIONS, Command, Trial
 from wrongturn_protocol.observations import PATH_POINTS
 from wrongturn_sim import guide
+from wrongturn_sim.polyline import Polyline
 from wrongturn_sim.roads import Roads, roads_of
 
 _COMMANDS: Final = {int(command): command for command in Command}
@@ -129,6 +130,11 @@ class Navigator:
     def lane(self) -> str:
         """Id of the lane that the car is in; within a junction, of the lane that it came from."""
         return self._roads.names[int(self._progress.leg)]
+
+    def line_and_place(self) -> tuple[Polyline, float]:
+        """Return the lane's centre line, and metres along it; within the junction its length and the way from there."""
+        line, s = self._roads.lanes[int(self._progress.leg)], float(self._progress.s)
+        return line, line.length + s if self._progress.inside else s
 
     def lanes_ahead(self, metres: float) -> tuple[str, ...]:
         """Return the ids of the lanes along the route ahead; those after the first add up to ``metres`` or more."""

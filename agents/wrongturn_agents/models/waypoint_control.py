@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from wrongturn_agents.models.waypoints import APART, COUNT
-from wrongturn_client.tracking import TrackerGains
+from wrongturn_protocol import TrackerGains
 from wrongturn_protocol.vehicle import VEHICLE
 
 MEMORY: Final = 2

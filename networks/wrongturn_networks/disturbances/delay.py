@@ -5,14 +5,11 @@ from collections import deque
 from wrongturn_networks.disturbances.disturbance import Disturbance
 from wrongturn_networks.faults.fault import Dose
 from wrongturn_protocol import FaultKind, Track, Trial
-from wrongturn_protocol.observations import Observation
-
-_DECISIONS = 10.0
-"""Decisions in a second."""
+from wrongturn_protocol.observations import NAVIGATION, Observation
 
 
 class Delay(Disturbance):
-    """All that an observation holds comes late, but for the command; to a tenth of a second.
+    """All that an observation holds comes late, but for what the planner tells; to the nearest decision.
 
     Until then it is what the first one held.
     """
@@ -25,9 +22,12 @@ class Delay(Disturbance):
 
     def __init__(self, trial: Trial) -> None:
         super().__init__(trial)
-        self._past: deque[Observation] = deque(maxlen=round(self.amount * _DECISIONS) + 1)
+        self._past: deque[Observation] = deque()
 
     def sensed(self, observation: Observation, decision: int) -> Observation:  # noqa: ARG002
         """Return the older observation with today's command, as new arrays."""
         self._past.append({name: value.copy() for name, value in observation.items()})
-        return {name: value.copy() for name, value in self._past[0].items()} | {"command": observation["command"]}
+        if len(self._past) > round(self.amount * self.rate) + 1:
+            self._past.popleft()
+        told = {name: value for name, value in observation.items() if name in NAVIGATION}
+        return {name: value.copy() for name, value in self._past[0].items()} | told

@@ -17,8 +17,10 @@ class Disturbance(CommandFault):
     end = "at the end"
     dose: ClassVar[Dose]
     reactions = SILENCE
-    tracks: ClassVar[tuple[Track, ...]] = (Track.CAMERA, Track.SEGMENTATION)
+    tracks: ClassVar[tuple[Track, ...]] = (Track.CAMERA, Track.SEGMENTATION, Track.WORDS)
     """Tracks whose agents can notice it."""
+    rate = 10
+    """Decisions in a second."""
 
     @classmethod
     def reaction(cls, trial: Trial, ending: Ending) -> Reaction:  # noqa: ARG003
@@ -37,6 +39,10 @@ class Disturbance(CommandFault):
     def steered(self, steer: float) -> float:
         """Return the steering, -1 to 1, that reaches the wheels."""
         return steer
+
+    def developed(self, pictures: Observation, decision: int) -> Observation:  # noqa: ARG002
+        """Return what becomes of new pictures of the cameras, colours (h, w, 3) or classes (h, w), by their names."""
+        return pictures
 
     def sensed(self, observation: Observation, decision: int) -> Observation:  # noqa: ARG002
         """Return what the agent is shown at a decision, 0 for the first. Called once for each decision, in order."""

@@ -28,7 +28,6 @@ class MaskedClasses(Disturbance):
         self._shown = np.arange(len(SegmentationClass), dtype=np.uint8)
         self._shown[order[: round(self.amount)]] = SegmentationClass.VOID
 
-    def sensed(self, observation: Observation, decision: int) -> Observation:  # noqa: ARG002
-        """Return the observation without these classes."""
-        seen = observation.get("segmentation")
-        return observation if seen is None else {**observation, "segmentation": self._shown[seen]}
+    def developed(self, pictures: Observation, decision: int) -> Observation:  # noqa: ARG002
+        """Return the pictures without these classes."""
+        return {name: self._shown[picture] if picture.ndim == 2 else picture for name, picture in pictures.items()}

@@ -16,14 +16,19 @@ class Noise(Disturbance):
     words = "The camera's picture is noisy."
     drawn = "the noise"
     dose = Dose("the standard deviation of each colour's noise", "of 255", 0.0, 100.0, 15.0, (15.0, 30.0))
-    tracks = (Track.CAMERA,)
+    tracks = (Track.CAMERA, Track.WORDS)
 
-    def sensed(self, observation: Observation, decision: int) -> Observation:
-        """Return the observation with a noisy picture."""
-        picture = observation.get("rgb")
-        if picture is None or not self.amount:
-            return observation
+    def developed(self, pictures: Observation, decision: int) -> Observation:
+        """Return the pictures with noise in their colours."""
+        if not self.amount:
+            return pictures
         # A generator of its own for each decision, so that the noise does not depend on what was shown before.
         random = np.random.Generator(np.random.Philox(key=[self.seed, decision]))
-        noise = np.rint(self.amount * random.standard_normal(picture.shape, np.float32))
-        return {**observation, "rgb": np.clip(picture + noise, 0, 255).astype(np.uint8)}
+        return {
+            name: np.clip(
+                picture + np.rint(self.amount * random.standard_normal(picture.shape, np.float32)), 0, 255
+            ).astype(np.uint8)
+            if picture.ndim == 3
+            else picture
+            for name, picture in pictures.items()
+        }

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from wrongturn_faults.rules import ENDS, LENGTH
+from wrongturn_faults.rules import ENDS, LENGTH, Guidance
 from wrongturn_networks.faults.fault import CommandFault, Ending
 from wrongturn_protocol import Fault, FaultKind, Reaction, Trial, Verdict
 
@@ -35,6 +35,11 @@ class Commission(CommandFault):
             f"needs a start more than {least:.0f} m before the stop line, but {trial.approach} of {trial.town} "
             f"has it at {trial.start.distance:.0f} m; take an approach whose lane is longer"
         )
+
+    def shift(self, guidance: Guidance) -> float:
+        """Return the distance to the junction that is not there, at the end of the stretch."""
+        there = guidance.ahead is not None and guidance.ahead.first and guidance.ahead.to_line >= ENDS
+        return -ENDS if there else 0.0
 
     @classmethod
     def reaction(cls, trial: Trial, ending: Ending) -> Reaction:  # noqa: ARG003

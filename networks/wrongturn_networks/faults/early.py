@@ -1,6 +1,6 @@
 """Early: the route's command comes too soon, and ends too soon."""
 
-from wrongturn_faults.rules import DOSES, OPENS
+from wrongturn_faults.rules import AFTER, DOSES, OPENS, Guidance
 from wrongturn_networks.faults.fault import CommandFault, Dose, Ending
 from wrongturn_networks.starts import WINDOW
 from wrongturn_protocol import Fault, FaultKind, Reaction, Trial
@@ -32,6 +32,11 @@ class Early(CommandFault):
             f"begins {begins:.0f} m before the stop line with this dose, and the car starts {trial.start.distance:.0f} "
             "m before it; give a smaller dose, or take an approach whose lane is longer"
         )
+
+    def shift(self, guidance: Guidance) -> float:
+        """Return minus the dose, until the junction seems to be passed."""
+        ahead = guidance.ahead
+        return 0.0 if ahead is None or ahead.to_line < self.amount - AFTER else -self.amount
 
     @classmethod
     def reaction(cls, trial: Trial, ending: Ending) -> Reaction:

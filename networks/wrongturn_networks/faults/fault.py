@@ -139,6 +139,14 @@ class CommandFault(ABC):
         """Return the command that the agent gets for the next 0.1 s, ``t`` seconds after the episode's start."""
         return self._rule(t, guidance, self._order)
 
+    def beside(self, t: float, guidance: Guidance) -> Command:
+        """Return the command that the planner's other words follow: distances, target points and sentences."""
+        return self.deliver(t, guidance)
+
+    def shift(self, guidance: Guidance) -> float:  # noqa: ARG002
+        """Return how much farther the planner believes the junction ahead to be than it is, metres."""
+        return 0.0
+
     @classmethod
     def reaction(cls, trial: Trial, ending: Ending) -> Reaction | None:  # noqa: ARG003
         """Return the agent's reaction at the verdict, one of :attr:`reactions`; None for a fault without any."""

@@ -1,6 +1,6 @@
 """Late: the route's command comes too late."""
 
-from wrongturn_faults.rules import DOSES
+from wrongturn_faults.rules import DOSES, Guidance
 from wrongturn_networks.faults.fault import SILENCE, CommandFault, Dose, Ending, reaction_to_silence
 from wrongturn_protocol import FaultKind, Reaction, Trial
 
@@ -15,6 +15,10 @@ class Late(CommandFault):
     end = "the dose past the place where the window ends"
     dose = Dose("how much too late it comes", "m", 1.0, 30.0, DOSES["late"], (5.0, 15.0, 20.0))
     reactions = SILENCE
+
+    def shift(self, guidance: Guidance) -> float:  # noqa: ARG002
+        """Return the dose: the junction seems to be that much farther."""
+        return self.amount
 
     @classmethod
     def reaction(cls, trial: Trial, ending: Ending) -> Reaction:  # noqa: ARG003

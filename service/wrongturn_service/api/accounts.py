@@ -76,6 +76,7 @@ async def register(
             name=registration.name,
             name_key=registration.name.lower(),
             track=registration.track.value,
+            rig=registration.rig and registration.rig.text,
             kind=registration.kind.value,
             description=registration.description,
             homepage=registration.homepage,

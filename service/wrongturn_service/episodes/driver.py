@@ -144,7 +144,7 @@ class EpisodeDriver:
                 episode.simulator = simulator
                 try:
                     return await go_on(
-                        simulator, await self._timed(kind, simulator.reset(trial, episode.track, actions, encoding))
+                        simulator, await self._timed(kind, simulator.reset(trial, episode.sight, actions, encoding))
                     )
                 except SimulatorDiedError as error:
                     self._log.warning(f"{kind} failed", episode=episode.id, seq=episode.seq, reason=str(error))

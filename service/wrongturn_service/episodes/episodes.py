@@ -16,7 +16,7 @@ import structlog
 from sqlalchemy.exc import SQLAlchemyError
 from structlog.contextvars import bind_contextvars
 
-from wrongturn_protocol import EpisodeState, EvaluationState, StepRequest, Track, Verdict
+from wrongturn_protocol import EpisodeState, EvaluationState, Sight, StepRequest, Verdict
 from wrongturn_service import logs
 from wrongturn_service.accounts import Caller
 from wrongturn_service.encoding import Encoding, Reply, step_reply
@@ -228,7 +228,7 @@ class Episodes:
             len(episode.actions) // ACTION.size,
             result.observation,
             encoding,
-            episode.track,
+            episode.sight,
             terminated=result.terminated,
             truncated=result.truncated,
             reward=result.reward if practice else None,
@@ -246,7 +246,7 @@ class Episodes:
         if seq == row.steps and row.last_action is not None and row.last_reply is not None:
             steer, throttle, brake = ACTION.unpack(row.last_action)
             check_same(episode_id, seq, action, (steer, throttle, brake))
-            return _stored_reply(row, zlib.decompress(row.last_reply)).render(encoding)
+            return _stored_reply(caller.sight, zlib.decompress(row.last_reply)).render(encoding)
         raise episode_finished(episode_id)
 
     # What an episode shows
@@ -498,14 +498,14 @@ class Episodes:
             self._log.error("background work failed", reason=repr(task.exception()))
 
 
-def _stored_reply(row: EpisodeRow, body: bytes) -> Reply:
+def _stored_reply(sight: Sight, body: bytes) -> Reply:
     """Return the reply to a finished episode's last step, from its stored JSON."""
     message = orjson.loads(body)
     return step_reply(
         message["seq"],
         orjson.dumps(message["observation"]),
         Encoding.JSON,
-        Track(row.track),
+        sight,
         terminated=message["terminated"],
         truncated=message["truncated"],
         reward=message.get("reward"),

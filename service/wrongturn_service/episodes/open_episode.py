@@ -4,7 +4,7 @@ import asyncio
 from collections import Counter
 from dataclasses import dataclass, field
 
-from wrongturn_protocol import ProblemType, Track, Trial
+from wrongturn_protocol import ProblemType, Sight, Trial
 from wrongturn_service.encoding import Reply
 from wrongturn_service.errors import ConflictError, ForbiddenError, NotFoundError, UnavailableError, too_many
 from wrongturn_service.simulators.interface import ACTION, Action, EpisodeEnd
@@ -37,7 +37,8 @@ class OpenEpisode:
     evaluation: str | None
     """Id of the evaluation, None in practice, which is never scored."""
     trial: Trial
-    track: Track
+    sight: Sight
+    """What its agent is shown."""
     last: Reply
     """The last reply."""
     heard: float

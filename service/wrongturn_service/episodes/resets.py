@@ -185,7 +185,7 @@ class Resets:
         once: IdempotentRequest,
         origin: Origin | None,
     ) -> bytes:
-        track, practice, episode_id = caller.track, evaluation is None, new_id("ep")
+        track, sight, practice, episode_id = caller.track, caller.sight, evaluation is None, new_id("ep")
         of = None if evaluation is None else evaluation.id
         counts = evaluation is None or evaluation.driven is not None
         bind_contextvars(episode=episode_id, evaluation=of)
@@ -195,14 +195,14 @@ class Resets:
                 episode_id,
                 observation,
                 encoding,
-                track,
+                sight,
                 # A drawn town's name would build the town.
                 town=trial.town if practice or (track is Track.PRIVILEGED and not is_drawn(trial.town)) else None,
                 trial=trial.id if practice else None,
                 lease_s=self._episodes.abort_s,
             )
 
-        episode = OpenEpisode(episode_id, payer, of, trial, track, reply(b""), self._episodes.clock(), counts)
+        episode = OpenEpisode(episode_id, payer, of, trial, sight, reply(b""), self._episodes.clock(), counts)
         if origin is not None:
             episode.origin, episode.expected = origin
         async with episode.lock:

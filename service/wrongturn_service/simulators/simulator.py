@@ -9,7 +9,8 @@ from typing import Any, Final, TypeVar
 import msgpack
 from typing_extensions import override
 
-from wrongturn_protocol import Outcome, Track
+from wrongturn_protocol import Outcome, Sight
+from wrongturn_protocol.rigs import text_of
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.simulators.interface import (
     OK,
@@ -78,13 +79,13 @@ class Simulator(asyncio.Protocol):
         # The reply to a call that was given up would be taken for that to the next one.
         return self._closed or (self._reply is not None and self._reply.cancelled())
 
-    async def reset(self, trial: str, track: Track, actions: bytes, encoding: Encoding) -> StepResult:
+    async def reset(self, trial: str, sight: Sight, actions: bytes, encoding: Encoding) -> StepResult:
         """Begin an episode, repeat actions that were taken before, and return the result of the last one.
 
         ``trial`` is JSON of Trial; ``actions`` are little-endian float32 [n, 3]. Raises EpisodeRefusedError.
         """
         timeout_s = self._timeout_s + replay_s(actions)
-        return await self._ask(["reset", trial, track.value, actions, encoding.value], _step_result, timeout_s)
+        return await self._ask(["reset", trial, text_of(sight), actions, encoding.value], _step_result, timeout_s)
 
     def step(self, action: Action, encoding: Encoding) -> "asyncio.Future[StepResult]":
         """Drive one decision. Whoever cancels the future has to give the simulator up."""

@@ -5,7 +5,7 @@ the process. The process answers one request at a time. It ends with the stream,
 The time limit is an alarm, which works even while SUMO does not return.
 
 Requests and replies are values of msgpack, one after the other. Requests:
-    | ``["reset", trial, track, actions, encoding]``
+    | ``["reset", trial, track or JSON of a rig, actions, encoding]``
     | ``["step", steer, throttle, brake, encoding]``
     | ``["view"]``
     | ``["abort"]``
@@ -34,9 +34,10 @@ from typing import Any, Final
 import msgpack
 
 from wrongturn_networks import Town, draw_journey, draw_trial, load_town
-from wrongturn_protocol import FaultKind, Outcome, Task, Track, Traffic, Trial
+from wrongturn_protocol import FaultKind, Outcome, Rig, Sight, Task, Track, Traffic, Trial
 from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.pixmap import to_pixmap
+from wrongturn_protocol.rigs import sight_from
 from wrongturn_protocol.wire import Block, layout
 from wrongturn_service.encoding import Encoding, encoded
 from wrongturn_service.simulators.interface import ACTION, FAILED, OK, REFUSED, replay_s
@@ -52,7 +53,7 @@ class Server:
 
     def __init__(self) -> None:
         self._episode: Episode | None = None
-        self._track = Track.STATE
+        self._sight: Sight = Track.STATE
         self._memory = bytearray()
         self._block: Block | None = None
 
@@ -87,9 +88,9 @@ class Server:
             raise RuntimeError("no episode: reset comes first")
         return self._episode
 
-    def _reset(self, trial: str, track: str, actions: bytes, encoding: str) -> list[Any]:
-        self._track = Track(track)
-        self._episode = episode = Episode(Trial.model_validate_json(trial), self._track, mirrored=True)
+    def _reset(self, trial: str, sight: str, actions: bytes, encoding: str) -> list[Any]:
+        self._sight = sight_from(sight)
+        self._episode = episode = Episode(Trial.model_validate_json(trial), self._sight, mirrored=True, compressed=True)
         begun = episode.reset(), 0.0, False, False
         return self._reply(episode.repeat(list(ACTION.iter_unpack(actions))) or begun, encoding)
 
@@ -104,11 +105,11 @@ class Server:
 
     def _shown(self, observation: Observation, encoding: str) -> bytes | bytearray:
         """Return an encoded observation. It may change with the next one."""
-        if encoding != Encoding.RAW:
-            return encoded(observation, self._track, Encoding(encoding))
-        if self._block is None or self._block.layout.track is not self._track:
-            self._memory = bytearray(layout(self._track).size)
-            self._block = Block(self._memory, self._track)
+        if encoding != Encoding.RAW or isinstance(self._sight, Rig):
+            return encoded(observation, self._sight, Encoding(encoding))
+        if self._block is None or self._block.layout.track is not self._sight:
+            self._memory = bytearray(layout(self._sight).size)
+            self._block = Block(self._memory, self._sight)
         self._block.write(observation)
         return self._memory
 

@@ -79,6 +79,8 @@ class AgentRow(Base):
     name_key: Mapped[str] = mapped_column(String(64), unique=True)
     """The name in lower case: names may not differ in case alone."""
     track: Mapped[str] = mapped_column(_WORD)
+    rig: Mapped[str | None] = mapped_column(Text)
+    """JSON of Rig; None: what the track shows."""
     kind: Mapped[str] = mapped_column(_WORD)
     description: Mapped[str | None] = mapped_column(Text)
     homepage: Mapped[str | None] = mapped_column(Text)

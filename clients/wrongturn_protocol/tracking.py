@@ -2,34 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from wrongturn_protocol.episodes import Action
+from wrongturn_protocol.rigs import TrackerGains
 from wrongturn_protocol.vehicle import VEHICLE
-
-_DECISION_S = 0.1
-
-
-@dataclass(frozen=True)
-class TrackerGains:
-    """Settings of the controllers, by default those of the shipped agent ``lbc``.
-
-    As in the authors' program, there are no derivative parts.
-    """
-
-    steer: tuple[float, float] = (0.9, 0.1)
-    """Proportional and integral gain of the steering."""
-    speed: tuple[float, float] = (0.8, 0.2)
-    """Proportional and integral gain of the speed: acceleration in m/s² for an error of 1 m/s."""
-    aim_s: float = 1.0
-    """The car steers for the place where the trajectory is after so many seconds."""
-    lasting_s: float = 2.0
-    """Time over which errors are averaged for the integral parts, seconds."""
-    standing: float = 0.4
-    """At a mean speed below this the car should stand, m/s: it brakes fully."""
 
 
 class Tracker:
@@ -40,6 +19,7 @@ class Tracker:
         side: to which side the second coordinate grows: ``left`` as in NAVSIM, ``right`` as in CARLA.
         behind: how far the waypoints' origin lies behind the body's centre, metres; of the rear axle 1.45.
         gains: settings of the controllers.
+        decision_s: seconds from one decision to the next.
 
     Raises:
         ValueError: an argument is wrong. The message names it.
@@ -52,6 +32,7 @@ class Tracker:
         side: Literal["left", "right"] = "left",
         behind: float = 0.0,
         gains: TrackerGains | None = None,
+        decision_s: float = 0.1,
     ) -> None:
         self._times = np.array([0.0, *times], float)
         if len(times) == 0 or not np.all(np.diff(self._times) > 0.0):  # also if one is nan
@@ -59,10 +40,10 @@ class Tracker:
         if side not in {"left", "right"}:
             raise ValueError(f"side: is {side!r}; give 'left' or 'right'")
         self._side, self._behind, self._gains = 1.0 if side == "left" else -1.0, behind, gains or TrackerGains()
-        self._means = np.zeros(2)
+        self._means, self._decision_s = np.zeros(2), decision_s
 
     def controls(self, waypoints: Any, speed: float) -> Action:
-        """Return steer, throttle and brake for the next 0.1 s.
+        """Return steer, throttle and brake until the next decision.
 
         Args:
             waypoints: (n, 2), metres: forward and to the ``side``, one for each of the times, in the car's frame.
@@ -82,7 +63,7 @@ class Tracker:
         desired = float(np.hypot(*np.diff(path, axis=0).T).sum() / self._times[-1])
         aim = [np.interp(gains.aim_s, self._times, path[:, axis]) for axis in (0, 1)]
         errors = np.array([steering_to(*aim), desired - speed])
-        self._means += (errors - self._means) * (_DECISION_S / gains.lasting_s)
+        self._means += (errors - self._means) * (self._decision_s / gains.lasting_s)
         steer = gains.steer[0] * errors[0] + gains.steer[1] * self._means[0]
         pull = gains.speed[0] * errors[1] + gains.speed[1] * self._means[1]
         if desired < gains.standing:
