@@ -432,9 +432,9 @@ def film_journeys(name: str, trials: Sequence[Trial] = (), folder: Path = FILMS)
 def drive_trial(name: str, trial: Trial) -> DrivenEpisode:
     """Return how an agent drives a trial, in SUMO where there are other road users."""
     source = resolve(name)
-    agent, episode = source.make(), Episode(trial, source.track)
+    agent, episode = source.make(), Episode(trial, source.sight)
     observation = episode.reset()
-    agent.reset(observation_space(source.track))
+    agent.reset(observation_space(source.sight))
     while episode.outcome is None:
         action = action_of(agent.act(observation))
         observation = episode.step(action.steer, action.throttle, action.brake).observation

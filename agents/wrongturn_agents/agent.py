@@ -5,7 +5,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from gymnasium import spaces
 
-from wrongturn_protocol import ActionLike, AgentKind, Command, Track
+from wrongturn_protocol import ActionLike, AgentKind, Command, Sight, Track
 from wrongturn_protocol.observations import Observation, observation_space
 
 
@@ -17,6 +17,7 @@ class Agent(Protocol):
 
     =====================  ===========================================================================================
     ``track``              track of the observations that it takes, a :class:`Track` or its name; required
+    ``rig``                a :class:`Rig`, for other cameras, navigation inputs, rate or answers than the track's
     ``name``               name on the leaderboard; by default the class's name
     ``kind``               an :class:`AgentKind`; by default ``submitted``
     ``description``        one sentence for the leaderboard; by default the first line of the docstring
@@ -42,27 +43,28 @@ class Agent(Protocol):
         """
 
     def act(self, observation: Observation) -> ActionLike:
-        """Return the action for the next 0.1 s.
+        """Return the action until the next decision.
 
         Args:
             observation: One array for each key of the space.
 
         Returns:
             Steer in [-1, 1] (left is negative); throttle and brake, each in [0, 1]: an Action, or three numbers in an
-            array, a tuple or a list.
+            array, a tuple or a list. An agent with a rig may answer with what its rig says.
         """
         ...
 
 
-def try_out(agent: Agent, track: Track) -> None:
+def try_out(agent: Agent, sight: Sight) -> None:
     """Let an agent drive one step on a made-up observation, the same each time, so that it fails before a run begins.
 
     Raises what the agent raises.
     """
-    space = observation_space(track)
+    space = observation_space(sight)
     space.seed(0)
     agent.reset(space)
-    agent.act({**space.sample(), "command": np.array([Command.LANE_FOLLOW], np.int64)})
+    seen = {**space.sample(), "command": np.array([Command.LANE_FOLLOW], np.int64)}
+    agent.act({name: seen[name] for name in space})
     agent.reset(space)
 
 

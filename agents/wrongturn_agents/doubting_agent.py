@@ -12,7 +12,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from wrongturn_agents.onnx_agent import OnnxAgent
-from wrongturn_protocol import Action, Track
+from wrongturn_protocol import ActionLike, Track
 from wrongturn_protocol.model_contract import STATE_IN, STATE_OUT
 from wrongturn_protocol.observations import Observation
 
@@ -44,7 +44,7 @@ class DoubtingAgent:
         self._memory, self.obeyed = self._nothing, None
         self._driving.reset(observation_space)
 
-    def act(self, observation: Observation) -> Action:
+    def act(self, observation: Observation) -> ActionLike:
         """Return the driving agent's action under the command that the road offers."""
         feed = {name: np.asarray(observation[name])[None] for name in self._inputs}
         command, self._memory = self._doubt.run([OBEYED, STATE_OUT], {**feed, STATE_IN: self._memory})

@@ -120,7 +120,7 @@ def made_once(agent: str, parallel: int | None) -> tuple[AgentSource, int]:
     source = resolve(agent)
     made = source.make()
     if agent.endswith(ZIP):
-        try_out(GuardedAgent(source.name, made), source.track)
+        try_out(GuardedAgent(source.name, made), source.sight)
     return replace(source, make=lambda: made), episodes_side_by_side(made, parallel)
 
 

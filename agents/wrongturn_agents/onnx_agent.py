@@ -14,7 +14,15 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from wrongturn_agents.errors import ModelFileError, OnnxRuntimeMissingError, why_no_file
-from wrongturn_protocol import Action, AgentKind, ContractError, ModelContract, ModelSignature, TensorSpec, contract_of
+from wrongturn_protocol import (
+    ActionLike,
+    AgentKind,
+    ContractError,
+    ModelContract,
+    ModelSignature,
+    TensorSpec,
+    contract_of,
+)
 from wrongturn_protocol.installing import install
 from wrongturn_protocol.model_contract import check_opset
 from wrongturn_protocol.observations import Observation
@@ -37,6 +45,7 @@ class OnnxAgent:
         said: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
         self.contract: ModelContract = _contract(file, self._session, said)
         self.track = self.contract.track
+        self.rig = self.contract.rig
         self.name: str = said.get("name", file.stem)
         self.kind = AgentKind.SUBMITTED
         self.description: str = said.get("description", f"ONNX model {file.name}")
@@ -50,8 +59,8 @@ class OnnxAgent:
         """Forget the last episode. A model with a memory starts from zeros again."""
         self._state = None
 
-    def act(self, observation: Observation) -> Action:
-        """Return the model's action.
+    def act(self, observation: Observation) -> ActionLike:
+        """Return the model's action, in its rig's kind.
 
         Raises:
             ModelFileError: The model fails on the observation, or its action has another shape or is not finite.
@@ -70,7 +79,7 @@ class OnnxAgent:
             raise ModelFileError(f"{self._file}: {error}") from error
         return action
 
-    def act_batch(self, observations: Observation) -> list[Action]:
+    def act_batch(self, observations: Observation) -> list[ActionLike]:
         """Return the model's action for each row of the observations, of a model without a memory.
 
         The model gets one row at a time: onnxruntime rounds differently in a larger batch.

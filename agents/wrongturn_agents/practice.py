@@ -74,7 +74,7 @@ class PracticeRun:
                     f"--url: the service has another {self._suite.id} than is installed here; install its version"
                 )
             if token is None:
-                token = practice_token(client, self._source.track)
+                token = practice_token(client, self._source.track, self._source.rig)
         progress(len(self._results.trials), len(self.trials))
         self._write()
         guarded = GuardedAgent(self._source.name, agent)

@@ -75,6 +75,7 @@ def _token(client: Client, operator_token: str, source: AgentSource, *, renew: b
             description=source.description or None,
             kind=source.kind,
             trained_on_faults=source.trained_on_faults,
+            rig=source.rig,
         )
     except AgentNameTakenError as error:
         agent = _holder(client.url, operator_token, source.name)

@@ -35,8 +35,9 @@ from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS, tra
 from wrongturn_client.errors import PluginError
 from wrongturn_client.invocation import program
 from wrongturn_client.plugins import entry_points, load
-from wrongturn_protocol import AgentKind, Track
+from wrongturn_protocol import AgentKind, Rig, RigError, Sight, Track
 from wrongturn_protocol.installing import install
+from wrongturn_protocol.rigs import rig_of, sight_of
 from wrongturn_protocol.suggestions import did_you_mean
 
 AGENTS: Final = MappingProxyType(
@@ -82,6 +83,13 @@ class AgentSource:
     """Whether it met wrong commands in its training."""
     code: tuple[Path, ...] = ()
     """Files of its code or weights: another agent drives if one of them changes."""
+    rig: Rig | None = None
+    """Its rig; None: what its track shows."""
+
+    @property
+    def sight(self) -> Sight:
+        """What it is shown."""
+        return self.rig or self.track
 
 
 def list_agents() -> list[AgentListing]:
@@ -198,6 +206,7 @@ def _source(named: str, agent: Any) -> AgentSource:
     if track is None:
         said, tracks = repr(getattr(agent, "track", None)), ", ".join(Track)
         raise NotAnAgentError(f"agent: {named}.track is {said}; set the class attribute to one of {tracks}")
+    rig = _rig_of(named, agent, track)
     return AgentSource(
         name=str(getattr(agent, "name", agent.__name__)),
         track=track,
@@ -206,7 +215,17 @@ def _source(named: str, agent: Any) -> AgentSource:
         make=partial(_make, named, agent),
         trained_on_faults=getattr(agent, "trained_on_faults", False) is True,
         code=_files_of_class(agent),
+        rig=rig,
     )
+
+
+def _rig_of(named: str, agent: Any, track: Track) -> Rig | None:
+    try:
+        rig = rig_of(getattr(agent, "rig", None))
+        sight_of(track, rig)
+    except RigError as error:
+        raise NotAnAgentError(f"agent: {named}.{error}") from error
+    return rig
 
 
 def _described(agent: Any) -> str:
@@ -241,7 +260,7 @@ def _files_of_class(agent: type) -> tuple[Path, ...]:
 def _model(file: Path) -> AgentSource:
     _check_file(file, "an .onnx file")
     agent = OnnxAgent(file)
-    try_out(agent, agent.track)
+    try_out(agent, agent.contract.sight)
     return _made(agent, partial(copy, agent), [file])
 
 
@@ -265,5 +284,12 @@ def _check_file(file: Path, wanted: str) -> None:
 def _made(agent: Any, make: Callable[[], Agent], files: Iterable[Path]) -> AgentSource:
     """Return the source of what describes itself as an agent does: a loaded model, or a shipped agent."""
     return AgentSource(
-        agent.name, agent.track, agent.kind, agent.description, make, agent.trained_on_faults, tuple(files)
+        agent.name,
+        agent.track,
+        agent.kind,
+        agent.description,
+        make,
+        agent.trained_on_faults,
+        tuple(files),
+        getattr(agent, "rig", None),
     )

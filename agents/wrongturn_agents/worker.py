@@ -21,19 +21,28 @@ from wrongturn_client import (
     AuthenticationError,
     Client,
     ConflictError,
-    InvalidActionError,
     LocalService,
     NotFoundError,
     OwnerNameTakenError,
     WrongturnError,
 )
-from wrongturn_client.episode_calls import action_of
 from wrongturn_client.local_service import FOR_ONE_COMMAND
 from wrongturn_client.settings import OPERATOR_TOKEN, OWNER_TOKEN
 from wrongturn_client.submitter import NAME_RULE
-from wrongturn_protocol import Action, AgentKind, EvaluationDetail, EvaluationState, ProblemType, RegisteredAgent
+from wrongturn_protocol import (
+    Action,
+    AgentKind,
+    EvaluationDetail,
+    EvaluationState,
+    ProblemType,
+    RegisteredAgent,
+    Rig,
+    Track,
+)
+from wrongturn_protocol.answers import driver_of
 from wrongturn_protocol.episodes import ActionError, action_error
 from wrongturn_protocol.observations import Observation
+from wrongturn_protocol.rigs import rig_of
 
 
 @contextlib.contextmanager
@@ -171,6 +180,7 @@ def _register(client: Client, name: str, source: AgentSource, kind: AgentKind, *
             description=source.description or None,
             kind=kind,
             trained_on_faults=source.trained_on_faults,
+            rig=source.rig,
         )
     except ValueError as error:
         if not isinstance(error.__cause__, ValidationError):
@@ -204,11 +214,13 @@ def _check_registered_track(client: Client, evaluation: EvaluationDetail, source
     """Check that the agent was registered for the track that it wants now; if not, cancel the evaluation."""
     with contextlib.suppress(NotFoundError):
         registered = client.agent(evaluation.agent)
-        if registered.track is not source.track:
+        if registered.track is not source.track or registered.rig != source.rig:
             client.cancel_evaluation(evaluation.id)
+            what = "another rig" if registered.track is source.track else f"the track {registered.track}"
             raise RunError(
-                f"WRONGTURN_TOKEN: it is the token of {registered.name}, registered for the track {registered.track}, "
-                f"and {source.name} wants {source.track}; unset it to register anew"
+                f"WRONGTURN_TOKEN: it is the token of {registered.name}, registered for {what}, "
+                f"and {source.name} wants {'its own' if registered.track is source.track else source.track}; "
+                "unset it to register anew"
             )
 
 
@@ -217,7 +229,11 @@ class GuardedAgent:
 
     def __init__(self, name: str, agent: Agent) -> None:
         self._name, self._agent = name, agent
-        self.memoryless = getattr(agent, "memoryless", False) is True
+        self.rig: Rig | None = rig_of(getattr(agent, "rig", None))
+        """Its rig; None: what its track shows."""
+        self._control = driver_of(self.rig or Track.STATE)
+        follows = self.rig is not None and self.rig.action.kind != "controls"
+        self.memoryless = getattr(agent, "memoryless", False) is True and not follows
         """Whether an action depends on the observation alone."""
         self.takes_batches = self.memoryless and callable(getattr(agent, "act_batch", None))
         """Whether the agent takes the observations of several episodes at once."""
@@ -226,12 +242,13 @@ class GuardedAgent:
         """Call the agent's ``reset``."""
         with self._guard("reset"):
             self._agent.reset(observation_space)
+        self._control = driver_of(self.rig or Track.STATE)
 
     def act(self, observation: Observation) -> Action:
         """Call the agent's ``act``. It has to return an action that can be driven."""
         with self._guard("act"):
             given: object = self._agent.act(observation)
-        return self._action(given, "act")
+        return self._action(given, "act", observation)
 
     def act_batch(self, observations: Sequence[Observation]) -> list[Action]:
         """Call ``act_batch`` of an agent that has it with some observations, stacked; return an action for each."""
@@ -242,12 +259,12 @@ class GuardedAgent:
             raise AgentFailedError(
                 f"agent: {self._name}.act_batch returned {len(given)} actions for {len(observations)} observations"
             )
-        return [self._action(one, "act_batch") for one in given]
+        return [self._action(one, "act_batch", seen) for one, seen in zip(given, observations, strict=True)]
 
-    def _action(self, given: object, method: str) -> Action:
+    def _action(self, given: object, method: str, observation: Observation) -> Action:
         try:
-            return action_of(given)
-        except InvalidActionError as error:
+            return self._control(given, observation)
+        except ActionError as error:
             called = f"agent: {self._name}.{method}"
             raise AgentFailedError(f"{called} returned no action that can be driven: {error}") from None
 

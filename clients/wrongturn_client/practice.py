@@ -14,7 +14,7 @@ from wrongturn_client.client import Client
 from wrongturn_client.closing import Closing
 from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, Result, granted, practise_call
 from wrongturn_client.errors import EpisodeFinishedError, EpisodeLostError, WrongturnError
-from wrongturn_protocol import ApproachDetail, OptionError, PracticeRequest, Track, Trial, TrialOptions
+from wrongturn_protocol import ApproachDetail, OptionError, PracticeRequest, Rig, Track, Trial, TrialOptions
 from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.trial_options import DEFAULT_TOWN
 from wrongturn_protocol.wire import CALLS, Call
@@ -193,7 +193,7 @@ class Practice(Closing):
         return found
 
 
-def practice_token(client: Client, track: Track) -> str:
+def practice_token(client: Client, track: Track, rig: Rig | None = None) -> str:
     """Register an agent for practice in a track, and return its token."""
     name = f"practice-{secrets.token_hex(6)}"
-    return client.register(name, track, description="Registered for practice.").token
+    return client.register(name, track, description="Registered for practice.", rig=rig).token

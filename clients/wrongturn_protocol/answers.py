@@ -13,13 +13,16 @@ from wrongturn_protocol.tracking import Tracker
 def driver_of(sight: Sight) -> Callable[[Any, Observation], Action]:
     """Return what makes controls of an agent's answers in one episode. It remembers mean errors and the steering.
 
-    Its arguments are the answer and the observation that it answers. It raises ActionError.
+    Its arguments are the answer and the observation that it answers. An Action is taken for controls of any agent. It
+    raises ActionError.
     """
     action, rate = (sight.action, sight.rate) if isinstance(sight, Rig) else (RigAction(), 10)
     if action.kind == "waypoints":
         tracker = Tracker(action.times, side=action.side, behind=action.behind, gains=action.gains, decision_s=1 / rate)
 
         def follow(answer: Any, observation: Observation) -> Action:
+            if isinstance(answer, Action):
+                return answer
             try:
                 return tracker.controls(answer, float(observation["speed"][0]))
             except (ValueError, TypeError) as error:
@@ -31,7 +34,7 @@ def driver_of(sight: Sight) -> Callable[[Any, Observation], Action]:
     def control(answer: Any, observation: Observation) -> Action:
         nonlocal steering
         if isinstance(answer, Action):  # checked again, because model_construct and model_copy check nothing
-            answer = answer.steer, answer.throttle, answer.brake
+            return Action(answer.steer, answer.throttle, answer.brake)
         steer, throttle, brake = three_numbers(answer, ActionError)
         if action.kind == "increments":
             if not -2.0 <= steer <= 2.0:

@@ -12,12 +12,16 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wrongturn_protocol.actions import ActionLike
 from wrongturn_protocol.episodes import Action
-from wrongturn_protocol.observations import FIELDS, Field, Observation
+from wrongturn_protocol.observations import FIELDS, Field, Observation, fields_of
+from wrongturn_protocol.rigs import Rig, RigError, Sight, rig_of, sight_of, track_of
 from wrongturn_protocol.vocabulary import Track
 
 ACTION: Final = "action"
 """Output (N, 3) with steer, throttle and brake."""
+WAYPOINTS: Final = "waypoints"
+"""Output (N, n, 2) of a rig that answers with waypoints."""
 CONTROLS: Final = (("steer", "accelerate"), ("steer", "throttle", "brake"), (ACTION,))
 """Sets of outputs, one of which a model has. Accelerate brakes below 0 and is throttle above."""
 STATE_IN: Final = "state_in"
@@ -29,7 +33,7 @@ MAX_STATE_BYTES: Final = 1 << 20
 OPSETS: Final = (7, 26)
 """Least and greatest opset of ONNX's default domain that a model may have."""
 
-_TRACKS: Final = (Track.STATE, Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED)  # smaller tracks first
+_TRACKS: Final = (Track.STATE, Track.CAMERA, Track.WORDS, Track.SEGMENTATION, Track.PRIVILEGED)  # smaller tracks first
 _KEYS: Final = {field.name: field for track in _TRACKS for field in FIELDS[track]}
 _FLOATS: Final = ("float32", "float64", "float16")
 _CONTROL_NAMES: Final = tuple(dict.fromkeys(name for names in CONTROLS for name in names))
@@ -85,6 +89,13 @@ class ModelContract:
     """Shape of its state, with a batch axis of 1; None for a model without a memory."""
     trained_on_faults: bool = False
     """Whether its metadata says that the agent met wrong commands in its training."""
+    rig: Rig | None = None
+    """The rig that its metadata declares; None: what its track shows."""
+
+    @property
+    def sight(self) -> Sight:
+        """What it is shown."""
+        return self.rig or self.track
 
     def feed(self, observation: Observation, state: NDArray[Any] | None = None) -> dict[str, NDArray[Any]]:
         """Return the model's inputs, each with a batch axis of 1.
@@ -96,15 +107,21 @@ class ModelContract:
             feed[STATE_IN] = np.zeros(self.state_shape, np.float32) if state is None else state
         return feed
 
-    def action(self, outputs: Mapping[str, NDArray[Any]]) -> Action:
-        """Return the action that a model's outputs mean. Values out of range are clipped.
+    def action(self, outputs: Mapping[str, NDArray[Any]]) -> ActionLike:
+        """Return what a model's outputs mean, in its rig's kind of action. Controls out of range are clipped.
 
         Raises:
-            ContractError: A control is missing, is no number, has another shape, or is not finite.
+            ContractError: An output is missing, is no number, has another shape, or is not finite.
         """
+        kind = "controls" if self.rig is None else self.rig.action.kind
+        if self.rig is not None and kind == "waypoints":
+            trajectory: NDArray[Any] = _checked(outputs, WAYPOINTS, ((1, len(self.rig.action.times), 2),))[0]
+            return trajectory
         steer, *pedals = (value for name in self.outputs if name != STATE_OUT for value in _values(outputs, name))
         if "accelerate" in self.outputs:
             pedals = [max(pedals[0], 0.0), max(-pedals[0], 0.0)]
+        if kind == "increments":
+            return np.clip((steer, *pedals), (-2.0, 0.0, 0.0), (2.0, 1.0, 1.0))
         return Action(*np.clip((steer, *pedals), (-1.0, 0.0, 0.0), 1.0).tolist())
 
     def state(self, outputs: Mapping[str, NDArray[Any]]) -> NDArray[Any] | None:
@@ -130,12 +147,15 @@ class ModelContract:
 
 
 def contract_of(
-    signature: ModelSignature, tracks: Collection[Track] | None = None, agent_track: Track | None = None
+    signature: ModelSignature,
+    tracks: Collection[Track] | None = None,
+    agent_track: Track | None = None,
+    agent_rig: Rig | None = None,
 ) -> ModelContract:
     """Return how to drive with a model.
 
-    ``tracks`` are those that the suite takes, None for any. ``agent_track`` is that of the agent as which the model has
-    to drive; None if there is no agent yet.
+    ``tracks`` are those that the suite takes, None for any. ``agent_track`` and ``agent_rig`` are those of the agent as
+    which the model has to drive; None if there is no agent yet.
 
     Raises:
         ContractError: The model breaks the contract. The messages name each tensor and the remedy.
@@ -145,19 +165,28 @@ def contract_of(
     observed = tuple(name for name in inputs if name != STATE_IN)
     wrong: list[str] = []
     track: Track | None = None
+    rig = None
     try:
         check_opset(signature.opset)
     except ContractError as error:
         wrong += error.messages
     try:
-        track = _track(observed, signature.metadata.get("track"), tracks, agent_track)
+        rig, said_track = _rig(signature.metadata)
+        track = _track(observed, said_track, tracks, agent_track, rig)
+        if agent_track is not None and rig != agent_rig:
+            raise ContractError("metadata rig: is not the agent's; hand it in with the owner's token by another name")
     except ContractError as error:
         wrong += error.messages
-    wrong += [message for name in observed if name in _KEYS for message in _wrong_input(inputs[name], _KEYS[name])]
-    controls = next((names for names in CONTROLS if set(names) == outputs.keys() & set(_CONTROL_NAMES)), ())
-    wrong += [message for name in controls for message in _wrong_control(outputs[name])]
-    if not controls:
-        wrong.append(f"outputs: {_listed(outputs) or 'none'}; the contract wants {_WAYS}")
+    keys = _KEYS if rig is None else {field.name: field for field in fields_of(rig)}
+    wrong += [message for name in observed if name in keys for message in _wrong_input(inputs[name], keys[name])]
+    if rig is not None and rig.action.kind == "waypoints":
+        controls: tuple[str, ...] = (WAYPOINTS,)
+        wrong += _wrong_waypoints(outputs.get(WAYPOINTS), len(rig.action.times))
+    else:
+        controls = next((names for names in CONTROLS if set(names) == outputs.keys() & set(_CONTROL_NAMES)), ())
+        wrong += [message for name in controls for message in _wrong_control(outputs[name])]
+        if not controls:
+            wrong.append(f"outputs: {_listed(outputs) or 'none'}; the contract wants {_WAYS}")
     wrong += _wrong_state(inputs.get(STATE_IN), outputs.get(STATE_OUT))
     said = signature.metadata.get("trained_on_faults", "false")
     if said.lower() not in {"true", "false"}:
@@ -171,6 +200,7 @@ def contract_of(
         outputs=controls if state is None else (*controls, STATE_OUT),
         state_shape=None if state is None else (1, *_static(state.shape)),
         trained_on_faults=said.lower() == "true",
+        rig=rig,
     )
 
 
@@ -181,14 +211,37 @@ def check_opset(opset: int) -> None:
         raise ContractError(f"opset: {opset}; export the model with one from {least} to {greatest}")
 
 
+def _rig(metadata: Mapping[str, str]) -> tuple[Rig | None, str | None]:
+    """Return the rig and the track that the metadata names; of a rig alone its own track. Raises ContractError."""
+    said = metadata.get("track")
+    try:
+        rig = rig_of(metadata.get("rig"))
+        if rig is not None and said in {None, *_TRACKS}:
+            said = said or track_of(rig)
+            sight_of(Track(said), rig)
+    except RigError as error:
+        raise ContractError(f"metadata {error}") from error
+    return rig, said
+
+
 def _track(
-    inputs: tuple[str, ...], said: str | None, tracks: Collection[Track] | None, agent_track: Track | None
+    inputs: tuple[str, ...],
+    said: str | None,
+    tracks: Collection[Track] | None,
+    agent_track: Track | None,
+    rig: Rig | None,
 ) -> Track:
     """Return the smallest track that has all inputs, or the one that the metadata names, if agent and suite take it."""
     if said is not None and said not in set(_TRACKS):
         raise ContractError(f"metadata track: {_shown(said)} is none of {', '.join(_TRACKS)}")
-    fitting = [track for track in _TRACKS if not _beyond(inputs, track)]
-    if unknown := sorted(set(inputs) - _KEYS.keys()):
+    if rig is not None:
+        keys = [field.name for field in fields_of(rig)]
+        if unknown := sorted(set(inputs) - set(keys)):
+            raise ContractError(f"inputs: {_listed(unknown)}: not in the metadata's rig; it has {_listed(keys)}")
+        fitting = [Track(said or "")]
+    else:
+        fitting = [track for track in _TRACKS if not _beyond(inputs, track)]
+    if rig is None and (unknown := sorted(set(inputs) - _KEYS.keys())):
         raise ContractError(f"inputs: {_listed(unknown)}: no such observation key; the keys are {_keys_of_tracks()}")
     if not fitting:
         raise ContractError(f"inputs: no track has all of these; take the keys of one track: {_keys_of_tracks()}")
@@ -200,7 +253,7 @@ def _track(
         )
     if agent_track is not None and track is not agent_track:
         wants, remedy = f"is of the {track} track", f"set the metadata's track to {agent_track}"
-        if beyond := _beyond(inputs, agent_track):
+        if rig is None and (beyond := _beyond(inputs, agent_track)):
             wants, remedy = f"wants {_listed(beyond)}", "do without"
         raise ContractError(
             f"inputs: the agent is of the {agent_track} track, and the model {wants}; {remedy}, "
@@ -252,6 +305,21 @@ def _wrong_control(put: TensorSpec) -> Iterator[str]:
         yield f"output {put.name}: is {_written(put.shape)}; let it be {wanted}, where N is the batch axis"
 
 
+def _wrong_waypoints(put: TensorSpec | None, count: int) -> Iterator[str]:
+    """Yield what is wrong with an output that holds a trajectory."""
+    wanted = _written(("N", count, 2))
+    if put is None:
+        yield f"outputs: there is no waypoints; the metadata's rig answers with waypoints, so give them as {wanted}"
+        return
+    if put.dtype not in _FLOATS:
+        yield f"output {put.name}: is {_shown(put.dtype)}; let it be float32"
+    if put.shape and not _fits(put.shape, (1, count, 2)):
+        yield (
+            f"output {put.name}: is {_written(put.shape)}; let it be {wanted}, one point for each of the rig's times "
+            "and N a batch axis of 1 or free"
+        )
+
+
 def _wrong_state(taken: TensorSpec | None, given: TensorSpec | None) -> Iterator[str]:
     """Yield what is wrong with a state."""
     if taken is None or given is None:
@@ -289,16 +357,20 @@ def _fits(shape: Shape, wanted: tuple[int, ...]) -> bool:
 
 def _values(outputs: Mapping[str, NDArray[Any]], name: str) -> list[float]:
     """Return the numbers of an output of shape (1, 3) for an action, else (1, 1) or (1,). Raises ContractError."""
+    values: list[float] = _checked(outputs, name, ((1, 3),) if name == ACTION else ((1, 1), (1,))).reshape(-1).tolist()
+    return values
+
+
+def _checked(outputs: Mapping[str, NDArray[Any]], name: str, shapes: Collection[Shape]) -> NDArray[np.float64]:
+    """Return an output of one of some shapes, as float64. Raises ContractError."""
     given = np.asarray(_given(outputs, name))
-    shapes = ((1, 3),) if name == ACTION else ((1, 1), (1,))
     if given.dtype.name not in _FLOATS or given.shape not in shapes or not np.isfinite(given).all():
         shown = f"{given.tolist()}, " if given.size <= _LISTED else ""
         raise ContractError(
             f"output {name}: is {shown}{given.dtype} {_written(given.shape)}; "
-            f"it must be finite and float32 {_written(shapes[0])}"
+            f"it must be finite and float32 {_written(next(iter(shapes)))}"
         )
-    values: list[float] = given.astype(np.float64).reshape(-1).tolist()
-    return values
+    return given.astype(np.float64)
 
 
 def _given(outputs: Mapping[str, NDArray[Any]], name: str) -> NDArray[Any]:

@@ -227,6 +227,13 @@ def sight_of(track: Track, rig: Rig | None) -> Sight:
     return rig
 
 
+def track_of(rig: Rig) -> Track:
+    """Return the track of an agent that says nothing but its rig."""
+    if NavigationInput.SENTENCE in rig.navigation:
+        return Track.WORDS
+    return Track.SEGMENTATION if any(one.kind == "segmentation" for one in rig.cameras) else Track.CAMERA
+
+
 def sight_from(text: str) -> Sight:
     """Return what :func:`text_of` wrote."""
     return _RIG.validate_json(text) if text.startswith("{") else Track(text)

@@ -5,6 +5,7 @@ from typing import Final
 
 from wrongturn_client import Client, WrongturnError
 from wrongturn_protocol import EvaluationState, PracticeRequest
+from wrongturn_protocol.answers import driver_of
 from wrongturn_protocol.observations import observation_space
 from wrongturn_runner import SANDBOXES, pace
 from wrongturn_runner.conversation import Conversation, RunnerFailedError
@@ -24,7 +25,12 @@ def check(job: CheckJob, conversation: Conversation) -> Passed:
     """
     kept = pace.Pace(pace.CHECK_STEP_S, STEPS)
     with sandboxed_model(
-        job, step_s=pace.CHECK_DEADLINE_S, life_s=pace.CHECK_LIFE_S, tracks=job.tracks, agent_track=job.agent_track
+        job,
+        step_s=pace.CHECK_DEADLINE_S,
+        life_s=pace.CHECK_LIFE_S,
+        tracks=job.tracks,
+        agent_track=job.agent_track,
+        agent_rig=job.agent_rig,
     ) as model:
         conversation.tell(
             Described(
@@ -32,6 +38,7 @@ def check(job: CheckJob, conversation: Conversation) -> Passed:
                 description=model.description,
                 about=model.about,
                 trained_on_faults=model.contract.trained_on_faults,
+                rig=model.contract.rig,
             )
         )
         practice = conversation.read(PRACTICE)
@@ -39,10 +46,11 @@ def check(job: CheckJob, conversation: Conversation) -> Passed:
             begun = client.practise(PracticeRequest(suite=practice.suite, trial=practice.trial))
             try:
                 policy = EpisodePolicy(model, kept)
-                policy.reset(observation_space(model.contract.track))
+                policy.reset(observation_space(model.contract.sight))
+                control = driver_of(model.contract.sight)
                 observation = begun.observation
                 for seq in range(1, STEPS + 1):
-                    reply = client.step(begun.id, seq, policy.act(observation))
+                    reply = client.step(begun.id, seq, control(policy.act(observation), observation))
                     if reply.terminated or reply.truncated:
                         break
                     observation = reply.observation

@@ -11,7 +11,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field, TypeAdapter
 
-from wrongturn_protocol import Track
+from wrongturn_protocol import Rig, Track
 from wrongturn_protocol.episodes import Message
 
 BUSY: Final = 75
@@ -42,6 +42,8 @@ class CheckJob(_ModelJob):
     """Tracks that the suite takes."""
     agent_track: Track | None = None
     """Track of the agent whose token handed the model in; None if the check makes the agent."""
+    agent_rig: Rig | None = None
+    """Its rig."""
 
 
 class PracticeJob(Message):
@@ -73,6 +75,8 @@ class Described(Message):
     """What the model's metadata says of the agent."""
     trained_on_faults: bool = False
     """Whether the metadata says that the agent met wrong commands in its training."""
+    rig: Rig | None = None
+    """The rig that the metadata declares."""
 
 
 class Passed(Message):

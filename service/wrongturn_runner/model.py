@@ -11,7 +11,7 @@ from typing import Any, Final
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from wrongturn_protocol import Action, Track
+from wrongturn_protocol import ActionLike, Rig, Track
 from wrongturn_protocol.model_contract import ContractError, ModelContract, ModelSignature, TensorSpec, contract_of
 from wrongturn_protocol.observations import Observation
 from wrongturn_runner.conversation import ModelAtFaultError, NoRoomError, RunnerFailedError
@@ -72,8 +72,16 @@ class EpisodePolicy:
         self._step = 0
         self._state = None
 
-    def act(self, observation: Observation) -> Action:
-        """Return the model's action. Raises as :meth:`SandboxedModel.run`, also for a wrong or too slow one."""
+    @property
+    def rig(self) -> Rig | None:
+        """The model's rig."""
+        return self._model.contract.rig
+
+    def act(self, observation: Observation) -> ActionLike:
+        """Return the model's action, in its rig's kind.
+
+        Raises as :meth:`SandboxedModel.run`, also for a wrong or too slow one.
+        """
         self._step += 1
         try:
             outputs, seconds = self._model.run(self._model.contract.feed(observation, self._state))
@@ -94,14 +102,15 @@ def sandboxed_model(
     life_s: float,
     tracks: Collection[Track] | None = None,
     agent_track: Track | None = None,
+    agent_rig: Rig | None = None,
     sandboxes: int = 1,
 ) -> Iterator[SandboxedModel]:
     """Load a job's model in sandboxes for the ``with`` block.
 
     A step takes at most ``step_s``, and each sandbox at most ``life_s`` of processor time. The model drives in one of
-    ``tracks``, and as an agent of ``agent_track`` if there is one. It can take as many steps at a time as it has
-    sandboxes, fewer if no more are free. Raises ModelAtFaultError if its sandbox refuses it or it breaks the contract,
-    RunnerFailedError if the file is damaged or there is no sandbox.
+    ``tracks``, and as an agent of ``agent_track`` and ``agent_rig`` if there is one. It can take as
+    many steps at a time as it has sandboxes, fewer if no more are free. Raises ModelAtFaultError if its sandbox refuses
+    it or it breaks the contract, RunnerFailedError if the file is damaged or there is no sandbox.
     """
     data = _read(job.model, job.sha256)
     limits = Limits(memory=job.memory, load_s=LOAD_S, step_s=step_s, life_s=life_s, gpu=job.gpu)
@@ -113,7 +122,7 @@ def sandboxed_model(
                     loaded.append(stack.enter_context(open_sandbox(job.socket, limits)))  # noqa: PERF401
             descriptions = [sandbox.load(data) for sandbox in loaded]
             del data
-            contract = contract_of(_signature(descriptions[0]), tracks, agent_track)
+            contract = contract_of(_signature(descriptions[0]), tracks, agent_track, agent_rig)
         yield SandboxedModel(loaded, descriptions[0], contract)
 
 

@@ -34,7 +34,7 @@ AXES_MOST: Final = 16
 """Most axes of a tensor in the graph."""
 DECLARED_MOST: Final = 1 << 31
 """Most elements of a tensor, by the shape that the file declares."""
-INPUT_MOST: Final = 1 << 20
+INPUT_MOST: Final = 1 << 22
 """Most elements of an input, with a batch of 1."""
 OUTPUT_MOST: Final = 1 << 18
 """Most elements of an output, with a batch of 1."""

@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Any, SupportsFloat, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from wrongturn_protocol import ActionLike, Track, TrialKeywords, TrialOptions
+from wrongturn_protocol import ActionLike, Rig, Track, TrialKeywords, TrialOptions
 from wrongturn_protocol.actions import three_numbers
 from wrongturn_protocol.environments import TrialEnv
-from wrongturn_protocol.observations import Observation
+from wrongturn_protocol.observations import Observation, observation_space
+from wrongturn_protocol.rigs import rig_of, sight_of
 from wrongturn_protocol.trial_options import check_keywords, check_options
 from wrongturn_sim.episode import Episode
 from wrongturn_sim.errors import EpisodeNotStartedError, InvalidActionError
@@ -36,6 +37,7 @@ class WrongturnSimEnv(TrialEnv):
         render_mode: ``rgb_array``, to get pictures from ``render``; ``human``, to watch them in a window, which needs
             pygame (the extra ``wrongturn-client[human]``).
         camera: camera of observations and of ``render``; the benchmark's by default.
+        rig: cameras, navigation inputs and rate instead of the track's. Actions stay controls.
         options: ``approach``, ``fault``, ``task``, ``suite`` and so on; see :class:`~wrongturn_protocol.TrialOptions`.
 
     Raises:
@@ -50,11 +52,15 @@ class WrongturnSimEnv(TrialEnv):
         strict: bool = False,
         render_mode: str | None = None,
         camera: "Camera | None" = None,
+        rig: Rig | None = None,
         **options: Unpack[TrialKeywords],
     ) -> None:
         check_keywords(WrongturnSimEnv, options)
         trials = TrialOptions.of(town, track, **options)
         self._prepare(trials.track, render_mode, picture_size(camera))
+        self._sight = sight_of(self.track, rig_of(rig))
+        if rig is not None:
+            self.observation_space = observation_space(self._sight)  # type: ignore[assignment]
         self._source = TrialSource(trials)
         self.strict = a_flag("strict", strict)
         self._camera = camera
@@ -69,7 +75,7 @@ class WrongturnSimEnv(TrialEnv):
         super().reset(seed=seed)
         given = check_options(options, ("trial",)).get("trial")
         trial = self._source.draw(self.np_random) if given is None else self._source.find(given)
-        self.episode = Episode(trial, self.track, simulator=self._simulator, camera=self._camera, strict=self.strict)
+        self.episode = Episode(trial, self._sight, simulator=self._simulator, camera=self._camera, strict=self.strict)
         observation = self.episode.reset()
         self._watch()
         return observation, {"trial": trial.id, "town": trial.town}

@@ -10,7 +10,7 @@ from typing import Final
 from wrongturn_agents.registry import resolve
 from wrongturn_agents.results_file import TrialResult
 from wrongturn_agents.worker import GuardedAgent
-from wrongturn_protocol import Track, Trial
+from wrongturn_protocol import Sight, Trial
 from wrongturn_protocol.observations import Observation, observation_space
 from wrongturn_sim.episode import Episode
 
@@ -39,31 +39,31 @@ def drive_group(group: Group) -> dict[str, TrialResult]:
         SimError: The simulation fails.
         NetworkError: A drawn town cannot be built.
     """
-    agent, track = loaded(group.agent, group.folder)
+    agent, sight = loaded(group.agent, group.folder)
     # This process has one simulation of SUMO, so trials with other road users are driven one by one.
     crowded = [trial for trial in group.trials if trial.traffic.vehicles or trial.traffic.pedestrians]
     alone = [trial for trial in group.trials if trial not in crowded]
-    episodes = [*_driven(agent, track, alone, TOGETHER if agent.takes_batches else 1)]
-    episodes += _driven(agent, track, crowded, 1)
+    episodes = [*_driven(agent, sight, alone, TOGETHER if agent.takes_batches else 1)]
+    episodes += _driven(agent, sight, crowded, 1)
     return {one.trial.id: TrialResult.of(one.outcome, one.trajectory.sha256) for one in episodes if one.outcome}
 
 
 @lru_cache(maxsize=4)
-def loaded(agent: str, folder: str) -> tuple[GuardedAgent, Track]:
+def loaded(agent: str, folder: str) -> tuple[GuardedAgent, Sight]:
     """Load an agent, once in a process; classes of the user's are found in the folder. Raises AgentsError."""
     if folder not in sys.path:
         sys.path.insert(0, folder)
     source = resolve(agent)
-    return GuardedAgent(source.name, source.make()), source.track
+    return GuardedAgent(source.name, source.make()), source.sight
 
 
-def _driven(agent: GuardedAgent, track: Track, trials: Iterable[Trial], together: int) -> Iterator[Episode]:
+def _driven(agent: GuardedAgent, sight: Sight, trials: Iterable[Trial], together: int) -> Iterator[Episode]:
     """Drive the trials, so many of them side by side, and yield the episodes as they end."""
-    waiting, space = deque(trials), observation_space(track)
+    waiting, space = deque(trials), observation_space(sight)
     driving: list[tuple[Episode, Observation]] = []
     while waiting or driving:
         while waiting and len(driving) < together:
-            episode = Episode(waiting.popleft(), track)
+            episode = Episode(waiting.popleft(), sight)
             seen = episode.reset()
             agent.reset(space)
             driving.append((episode, seen))

@@ -8,8 +8,9 @@ from wrongturn_agents.batch.group import loaded
 from wrongturn_agents.errors import RunError
 from wrongturn_agents.whatif_file import STEP_S, Difference, ForkResult, SweepResult
 from wrongturn_agents.worker import GuardedAgent
+from wrongturn_faults.rules import DECISIONS
 from wrongturn_judge import Trajectory, TrajectoryError
-from wrongturn_protocol import Command, Fork, Track, Verdict
+from wrongturn_protocol import Command, Fork, Rig, Sight, Verdict
 from wrongturn_protocol.observations import Observation, observation_space
 from wrongturn_protocol.vocabulary import Safety
 from wrongturn_sim.ego import SUB_STEPS
@@ -32,7 +33,9 @@ class WhatIf:
         SimError, NetworkError: The simulation fails, or the town cannot be loaded.
     """
 
-    def __init__(self, stored: Trajectory, agent: GuardedAgent, track: Track) -> None:
+    def __init__(self, stored: Trajectory, agent: GuardedAgent, sight: Sight) -> None:
+        if isinstance(sight, Rig) and sight.rate != DECISIONS:
+            raise RunError(f"agent: decides {sight.rate} times a second; give one that decides {DECISIONS} times")
         try:
             stored.check_rows()
         except TrajectoryError as error:
@@ -44,7 +47,7 @@ class WhatIf:
         """The stored actions: steer, throttle, brake for each decision."""
         self.differs: Difference | None = None
         """The first action of the agent that is not the stored one."""
-        self._agent, self._track, self._space = agent, track, observation_space(track)
+        self._agent, self._sight, self._space = agent, sight, observation_space(sight)
         self._seen: list[Observation] = []
         self.verdict = self._repeat()
         """The stored drive's verdict; None if it ended without one, as when the agent aborted it."""
@@ -60,7 +63,7 @@ class WhatIf:
             last = (len(self.actions) - 1) * STEP_S
             raise RunError(f"--at: is outside the drive, whose last decision is at {last:.1f} s; give 0 to {last:.1f}")
         fork = Fork(decision=decision, command=command)
-        episode = Episode(self.trial.model_copy(update={"fork": fork}), self._track)
+        episode = Episode(self.trial.model_copy(update={"fork": fork}), self._sight)
         seen = episode.reset()
         self._agent.reset(self._space)
         for earlier in range(0 if self._agent.memoryless else decision):
@@ -135,7 +138,7 @@ class WhatIf:
 
     def _repeat(self) -> Verdict | None:
         """Drive the stored actions again, and show the agent what they show."""
-        episode = Episode(self.trial, self._track)
+        episode = Episode(self.trial, self._sight)
         seen = episode.reset()
         self._agent.reset(self._space)
         for decision, action in enumerate(self.actions):

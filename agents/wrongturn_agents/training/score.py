@@ -89,6 +89,8 @@ def score_agent(name: str, suite: str, *, threads: int | None = None, traffic: b
         UnknownSuiteError: there is no such suite.
     """
     source, threads = resolve(name), threads or _cores()
+    if source.rig is not None or source.track is Track.WORDS:
+        raise TrainingError(f"agent: {name} sees more than a batch of cars shows; drive it by wrongturn run --workers")
     with ThreadPoolExecutor(threads) as pool:
         return _score(
             _Agents(source, pool),

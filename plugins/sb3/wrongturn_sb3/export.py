@@ -19,6 +19,7 @@ from wrongturn_agents.errors import AgentsError
 from wrongturn_agents.onnx_agent import OnnxAgent
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.writing import check_target, export_graph, write_graph
+from wrongturn_client.episode_calls import action_of
 from wrongturn_protocol import Track
 from wrongturn_protocol.observations import observation_space
 from wrongturn_sb3.spaces import DrivingPolicy, Taken
@@ -193,7 +194,7 @@ def _differences(file: Path, driving: DrivingPolicy) -> NDArray[np.float64]:
         agent = OnnxAgent(file)
         for _ in range(COMPARED):
             observation = space.sample()
-            made = agent.act(observation)
+            made = action_of(agent.act(observation))
             wanted = driving.controls(observation)
             differences.append(np.abs(np.array([made.steer, made.throttle, made.brake]) - wanted).max())
     except AgentsError as error:

@@ -12,6 +12,7 @@ import structlog
 from typing_extensions import override
 
 from wrongturn_protocol import Entry, EvaluationState, SubmissionState, Track
+from wrongturn_protocol.rigs import rig_of
 from wrongturn_runner import messages, pace
 from wrongturn_service import catalogue
 from wrongturn_service.episodes.episodes import PATIENCE_S, Episodes
@@ -188,10 +189,12 @@ class Check(Job):
     async def _once(self) -> messages.Passed:
         """Let one runner check the model until its last word. Raises RefusedError, RunnerLostError."""
         row, suite = self.row, catalogue.suite(self.row.suite)
+        agent = None if row.agent_made or row.agent_id is None else await self._context.store.agent(row.agent_id)
         job = messages.CheckJob(
             **self._model(),
             tracks=suite.tracks,
-            agent_track=None if row.agent_made or row.track is None else Track(row.track),
+            agent_track=None if agent is None else Track(agent.track),
+            agent_rig=None if agent is None else rig_of(agent.rig),
         )
         loop = asyncio.get_running_loop()
         async with self._runner(job) as process:
@@ -202,7 +205,7 @@ class Check(Job):
                         await self._tell(f"The model was loaded: {event.description}. Its track is {event.track}.")
                         submissions = self._context.submissions
                         await submissions.make_agent(
-                            row.id, event.track, event.about, trained_on_faults=event.trained_on_faults
+                            row.id, event.track, event.about, trained_on_faults=event.trained_on_faults, rig=event.rig
                         )
                         token = await submissions.give_token(row.id)
                         process.deadline = loop.time() + _PRACTICE_S

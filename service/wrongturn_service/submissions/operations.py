@@ -10,7 +10,7 @@ from weakref import WeakValueDictionary
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
-from wrongturn_protocol import AgentKind, FieldError, ProblemType, SubmissionState, Track
+from wrongturn_protocol import AgentKind, FieldError, ProblemType, Rig, SubmissionState, Track
 from wrongturn_protocol.submissions import NAME, SUITE
 from wrongturn_service.episodes.episodes import Episodes
 from wrongturn_service.episodes.resets import Closings
@@ -114,7 +114,13 @@ class Submissions:
         return token
 
     async def make_agent(
-        self, submission_id: str, track: Track, description: str | None = None, *, trained_on_faults: bool = False
+        self,
+        submission_id: str,
+        track: Track,
+        description: str | None = None,
+        *,
+        trained_on_faults: bool = False,
+        rig: Rig | None = None,
     ) -> None:
         """Make the agent of a submission whose model was looked at, unless an agent handed it in.
 
@@ -130,6 +136,7 @@ class Submissions:
             name=row.name,
             name_key=row.name_key,
             track=track.value,
+            rig=rig and rig.text,
             kind=AgentKind.SUBMITTED.value,
             description=description,
             trained_on_faults=trained_on_faults,

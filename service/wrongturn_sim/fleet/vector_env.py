@@ -97,6 +97,8 @@ class WrongturnVectorEnv(TrialVectorEnv):
             raise OptionError(f"backend: is {backend!r}; give cpu or cuda")
         place = town if isinstance(town, Town) else None
         trials = TrialOptions.of(town.name if isinstance(town, Town) else town, track, **options)
+        if trials.track is Track.WORDS:
+            raise OptionError("track: a batch has no sentences; take single environments, or the track camera")
         self._prepare(num_envs, trials.track, autoreset_mode, render_mode, picture_size(camera, num_envs))
         if render_mode is not None and not record:
             raise OptionError("render_mode: pictures are drawn from the record; leave render_mode or record=False out")
