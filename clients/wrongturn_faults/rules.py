@@ -195,11 +195,16 @@ def corrected(t: float, guidance: Guidance, order: Order) -> Command:
     return guidance.command if here is None or here.to_line <= order.dose else infeasible(t, guidance, order)
 
 
+def contradiction(_t: float, guidance: Guidance, _order: Order) -> Command:
+    """Return the route's command: only what is said beside it, such as a sentence, names a wrong direction."""
+    return guidance.command
+
+
 RULES: dict[str, Callable[[float, Guidance, Order], Command]] = {
     rule.__name__: rule
     for rule in (
         none, infeasible, omission, substitution, prohibited, commission, late, early,
-        stuck, sequence, flicker, reversal, dropout, corrected,
+        stuck, sequence, flicker, reversal, dropout, corrected, contradiction,
     )
 }  # fmt: skip
 """What each fault delivers ``t`` seconds after the start, by its name."""

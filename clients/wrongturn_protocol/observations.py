@@ -267,6 +267,8 @@ def decode(message: Mapping[str, Any], sight: Sight) -> Observation:
 
 def decode_rig(message: Mapping[str, Any]) -> Observation:
     """Return the arrays of a rig's observation, which says itself what its pictures are. Raises ValueError."""
+    if "speed" not in message or "steering" not in message:
+        raise ValueError(f"observation: a rig has speed and steering; this has just {', '.join(sorted(message))}")
     observation: Observation = {}
     known = {field.name: field for field in (*_ALWAYS, *_NAVIGATION.values())}
     for name, value in message.items():
@@ -293,8 +295,8 @@ def _decoded(value: Any, dtype: "np.dtype[Any]", shape: tuple[int, ...], *, text
         raw = base64.b64decode(raw) if isinstance(raw, str) else raw
         array = np.frombuffer(raw, dtype).copy()  # writable, as arrays made from lists are
         return array.reshape(shape) if array.size == math.prod(shape) else array
-    if text:
-        return sentence_of(str(value))
+    if text and isinstance(value, str):
+        return sentence_of(value)
     return np.array([value] if shape == (1,) else value, dtype)
 
 

@@ -27,6 +27,8 @@ def main() -> None:
         episode.reset()
         episode.step(0.0, 0.5, 0.0)
         episode.abort()
+        if track is Track.WORDS:  # batches have none
+            continue
         batch = WrongturnVectorEnv(1, _TOWN, track)
         batch.reset(options={"trial": trial})
         batch.step(np.array([[0.0, 0.5, 0.0]], np.float32))

@@ -23,9 +23,9 @@ from wrongturn_protocol.observations import Observation, sentence_of
 from wrongturn_sim.ego import State
 from wrongturn_sim.route import Navigator
 
-RADII: Final = {Command.LEFT: 8.0, Command.RIGHT: 4.0}
-"""Radii of the constructed turns, metres: those of a lane of 4 m into a street of two."""
-_ACROSS: Final = 12.0
+RADII: Final = {Command.LEFT: 15.5, Command.RIGHT: 11.5}
+"""Radii of the constructed turns, metres: medians of the turns of Town01 and Town02."""
+ACROSS: Final = 27.0
 """Length of the constructed way straight on through a junction, metres."""
 _NEAREST: Final = 7.5
 """Target points lie farther ahead than this along the way, metres, as TransFuser's planner has it."""
@@ -98,21 +98,21 @@ class Planner:
         lane, s = self._navigator.line_and_place()
         end = lane.length + shift
         if s > end:  # where the car is on the constructed way, not on the route's
-            way = [(past, *_place(lane.at(end), past, direction)) for past in np.arange(0.0, 60.0, 0.5).tolist()]
+            way = [(past, *place_past(lane.at(end), past, direction)) for past in np.arange(0.0, 60.0, 0.5).tolist()]
             s = end + min(way, key=lambda one: math.hypot(one[1] - state[0], one[2] - state[1]))[0]
-        turn = RADII.get(direction, 0.0) * math.pi / 2 or _ACROSS
+        turn = RADII.get(direction, 0.0) * math.pi / 2 or ACROSS
         plan = [end - _APART * k for k in range(int(end / _APART), -1, -1)]
         plan += [end + turn + _APART * k for k in range(6)]
         ahead = [place for place in plan if place > s + _NEAREST][:_POINTS]
         cos, sin = math.cos(state[2]), math.sin(state[2])
         found = np.empty((_POINTS, 2), np.float32)
         for row, place in enumerate(ahead):
-            x, y = _place(lane.at(min(place, end)), place - end, direction)
+            x, y = place_past(lane.at(min(place, end)), place - end, direction)
             found[row] = (x - state[0]) * cos + (y - state[1]) * sin, (y - state[1]) * cos - (x - state[0]) * sin
         return found
 
 
-def _place(line: tuple[float, float, float], past: float, direction: Command) -> tuple[float, float]:
+def place_past(line: tuple[float, float, float], past: float, direction: Command) -> tuple[float, float]:
     """Return the point of the constructed way so far past the stop line, which is a place and a heading."""
     x, y, heading = line
     if past <= 0.0:

@@ -142,6 +142,8 @@ def test_a_fault_keeps_to_its_window_its_seed_and_its_word(trial: Trial) -> None
     closed = built.closed(trial)
     misled = kind not in {FaultKind.EARLY, FaultKind.LATE, FaultKind.DROPOUT, FaultKind.OMISSION, FaultKind.COMMISSION}
     seen = not misled or not wrong <= trial.junction_type.exits or closed in wrong
+    if kind is FaultKind.CONTRADICTION:  # the command is right, what is said beside it is not
+        misled, seen = False, trial.junction_type.missing is not None
     assert built.detectable(trial) == seen
     assert len(wrong) == misled
 

@@ -115,7 +115,7 @@ def refusal(given: ModelSignature, *more: object) -> str:
 
 
 KEYS = (
-    "speed, steering, command; also camera: rgb; segmentation: rgb, segmentation; privileged: pose, lane, stop_line, "
+    "speed, steering, command; also camera: rgb; words: sentence, rgb; segmentation: rgb, segmentation; privileged: pose, lane, stop_line, "
     "exits, exits_mask, road_users, road_users_count"
 )
 BREACHES = [
@@ -131,13 +131,13 @@ BREACHES = [
     (
         signature(metadata={"track": "privileged"}),
         "inputs: the metadata's track privileged does not have rgb; remove track from the metadata, or let it be "
-        "camera or segmentation",
+        "camera or words or segmentation",
     ),
     (signature(metadata={"trained_on_faults": "maybe"}), "metadata trained_on_faults: maybe; write true or false"),
     (signature(metadata={"trained_on_faults": ""}), "metadata trained_on_faults: empty; write true or false"),
     (
         signature(metadata={"track": "sonar"}),
-        "metadata track: sonar is none of state, camera, segmentation, privileged",
+        "metadata track: sonar is none of state, camera, words, segmentation, privileged",
     ),
     (
         signature((TensorSpec("rgb", "float32", (1, 64, 192, 3)),)),

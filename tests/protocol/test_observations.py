@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wrongturn_protocol import Track
-from wrongturn_protocol.observations import FIELDS, Observation, decode, encode, observation_space
+from wrongturn_protocol.observations import FIELDS, Observation, decode, encode, observation_space, sentence_of
 
 WIRES: dict[str, Callable[[Observation, Track], Any]] = {
     "json": lambda observation, track: json.loads(json.dumps(encode(observation, track), allow_nan=False)),
@@ -23,6 +23,8 @@ def _sample(track: Track, seed: int) -> Observation:
     space = observation_space(track)
     space.seed(seed)
     sample: Observation = space.sample()
+    if "sentence" in sample:
+        sample["sentence"] = sentence_of("Turn left at the Straßenecke.")
     return sample
 
 
@@ -44,7 +46,8 @@ def test_round_trip_to_the_last_bit(wire: str, track: Track, seed: int) -> None:
 def test_json_is_as_the_interface_says(track: Track) -> None:
     message = encode(_sample(track, 1), track)
     assert isinstance(message["speed"], float)
-    assert isinstance(message["command"], int)
+    assert isinstance(message.get("command", 0), int)
+    assert message.get("sentence", "") in {"", "Turn left at the Straßenecke."}
     for image in {"rgb", "segmentation"} & set(message):
         assert set(message[image]) == {"shape", "dtype", "data"}
         assert message[image]["dtype"] == "uint8"
@@ -69,6 +72,6 @@ def test_what_is_missing_or_misshapen_is_named(wire: str, track: Track) -> None:
 
 
 def test_nothing_outside_the_privileged_track_tells_of_the_fault() -> None:
-    told = {"speed", "steering", "command", "rgb", "segmentation"}
+    told = {"speed", "steering", "command", "sentence", "rgb", "segmentation"}
     for track in set(Track) - {Track.PRIVILEGED}:
         assert {field.name for field in FIELDS[track]} <= told
