@@ -20,7 +20,7 @@ from wrongturn_sim.roads import roads_of
 PICTURE: Final = Path("docs/pictures/target-points.webp")
 FAR: Final = 45
 """Metres that a picture shows to each side."""
-RIG: Final = Rig(navigation=("command", "target_points"))  # type: ignore[arg-type]
+RIG: Final = Rig(navigation=("command", "target_points"))
 
 
 def trial_at(town: Town, kind: Any) -> Trial:
@@ -69,8 +69,7 @@ def draw(town: Town) -> None:
 
 
 def deviations(town: Town) -> list[float]:
-    """Return how far points of the construction are from the real way, metres, at each exit of a town: 0 to 20 m past
-    the construction's turn."""
+    """Return how far two points of the construction are from the real way at each exit of a town, metres."""
     roads, found = roads_of(town), []
     for approach in town.approaches.values():
         leg = roads.legs[approach.lane]
@@ -93,7 +92,9 @@ def main() -> None:
     drawn = [load_town(town) for town in sorted({trial.town for trial in suite.trials})]
     for name, towns in (("Town01", [load_town("Town01")]), ("Town02", [load_town("Town02")]), ("drawn", drawn)):
         found = [one for town in towns for one in deviations(town)]
-        print(f"{name}: {len(found)} points, median {np.median(found):.2f} m, 95 % below {np.quantile(found, 0.95):.2f}")
+        print(
+            f"{name}: {len(found)} points, median {np.median(found):.2f} m, 95 % below {np.quantile(found, 0.95):.2f}"
+        )
 
 
 if __name__ == "__main__":

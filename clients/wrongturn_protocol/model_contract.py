@@ -165,13 +165,12 @@ def contract_of(
     observed = tuple(name for name in inputs if name != STATE_IN)
     wrong: list[str] = []
     track: Track | None = None
-    rig = None
     try:
         check_opset(signature.opset)
     except ContractError as error:
         wrong += error.messages
+    rig, said_track = _rig(signature.metadata)
     try:
-        rig, said_track = _rig(signature.metadata)
         track = _track(observed, said_track, tracks, agent_track, rig)
         if agent_track is not None and rig != agent_rig:
             raise ContractError("metadata rig: is not the agent's; hand it in with the owner's token by another name")

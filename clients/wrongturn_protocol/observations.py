@@ -265,15 +265,20 @@ def decode(message: Mapping[str, Any], sight: Sight) -> Observation:
     return observation
 
 
-def decode_rig(message: Mapping[str, Any]) -> Observation:
-    """Return the arrays of a rig's observation, which says itself what its pictures are. Raises ValueError."""
+def decode_rig(message: Mapping[str, Any], *, compressed: bool = False) -> dict[str, Any]:
+    """Return the arrays of a rig's observation, which says itself what its pictures are; JPEGs if ``compressed``.
+
+    Raises ValueError.
+    """
     if "speed" not in message or "steering" not in message:
         raise ValueError(f"observation: a rig has speed and steering; this has just {', '.join(sorted(message))}")
-    observation: Observation = {}
+    observation: dict[str, Any] = {}
     known = {field.name: field for field in (*_ALWAYS, *_NAVIGATION.values())}
     for name, value in message.items():
         if (field := known.get(name)) is not None:
             observation[name] = _decoded(value, field.numpy_dtype, field.shape, text=field.text)
+        elif compressed and isinstance(value, Mapping) and "jpeg" in value:
+            observation[name] = [base64.b64decode(one) if isinstance(one, str) else one for one in value["jpeg"]]
         elif isinstance(value, Mapping):
             observation[name] = _decoded(value, np.dtype(np.uint8), tuple(map(int, value["shape"])))
         else:

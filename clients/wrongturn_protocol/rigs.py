@@ -6,7 +6,6 @@ Tracks are rigs with names. An agent with another rig still has a track, the cla
 import re
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, Any, Final, Literal, Self
 
@@ -165,12 +164,12 @@ class Rig(Message):
             )
         return self
 
-    @cached_property
+    @property
     def pixels(self) -> int:
         """Pixels that are shown at a decision."""
         return sum(camera.width * camera.height * camera.history for camera in self.cameras)
 
-    @cached_property
+    @property
     def text(self) -> str:
         """The rig as JSON."""
         return self.model_dump_json(exclude_defaults=True)

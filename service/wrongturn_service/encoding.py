@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import msgpack
 import orjson
 
-from wrongturn_protocol import Sight, Verdict
+from wrongturn_protocol import Rig, Sight, Verdict
 from wrongturn_protocol.wire import result_head
 
 if TYPE_CHECKING:
@@ -114,9 +114,11 @@ def _transcode(observation: bytes, sight: Sight, source: Encoding, encoding: Enc
     # Rare: a reply is asked for again in another encoding. Only then numpy and gymnasium are imported.
     from wrongturn_protocol import observations, wire  # noqa: PLC0415
 
+    unpack = orjson.loads if source is Encoding.JSON else msgpack.unpackb
+    if isinstance(sight, Rig):
+        return encoded(observations.decode_rig(unpack(observation), compressed=True), sight, encoding)
     if source is Encoding.RAW:
         return encoded(wire.arrays(observation), sight, encoding)
-    unpack = orjson.loads if source is Encoding.JSON else msgpack.unpackb
     return encoded(observations.decode(unpack(observation), sight), sight, encoding)
 
 

@@ -115,8 +115,8 @@ def refusal(given: ModelSignature, *more: object) -> str:
 
 
 KEYS = (
-    "speed, steering, command; also camera: rgb; words: sentence, rgb; segmentation: rgb, segmentation; privileged: pose, lane, stop_line, "
-    "exits, exits_mask, road_users, road_users_count"
+    "speed, steering, command; also camera: rgb; words: sentence, rgb; segmentation: rgb, segmentation; "
+    "privileged: pose, lane, stop_line, exits, exits_mask, road_users, road_users_count"
 )
 BREACHES = [
     *(
