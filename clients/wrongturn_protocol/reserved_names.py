@@ -6,7 +6,7 @@ from typing import Final
 SHIPPED_NAMES: Final = frozenset(
     (
         *("always-stops", "careful", "ignores-commands", "obeys-blindly", "parked", "pause-then-obey"),
-        *("lbc", "lbc-privileged", "marln", "ppo-auxiliary", "ppo-image", "ppo-segmentation"),
+        *("lbc", "lbc-privileged", "lbc-words", "marln", "ppo-auxiliary", "ppo-image", "ppo-segmentation"),
         *("doubting", "doubting-segmentation"),
         *("askew", "blocker", "broadside", "circles", "clones", "creeper", "head-on", "late-obey", "maniac"),
         *("odometer", "oncoming-lane", "pavement", "rememberer", "sleeper", "straddler", "tail", "turncoat"),

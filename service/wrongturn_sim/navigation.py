@@ -89,6 +89,8 @@ class Planner:
     def _said(self, command: Command, guidance: Guidance) -> str:
         """Return the sentence of a command; one that its kind leaves unsaid is said plainly."""
         away = max(self._distance(guidance), 0.0)
+        if self._kind == "ambiguous" and command in DIRECTIONS:
+            command = Command.VOID
         kinds = (self._kind, "plain")
         said = (sentence(command, kind, number=self._number, distance=away) for kind in kinds)
         return next(filter(None, said), "")
