@@ -119,7 +119,7 @@ def made_once(agent: str, parallel: int | None) -> tuple[AgentSource, int]:
         typer.echo(f"Loading {agent} runs code that is named inside: run only files that you trust.", err=True)
     source = resolve(agent)
     made = source.make()
-    if agent.endswith(ZIP):
+    if agent.endswith(ZIP) or source.rig is not None:  # other people's models: a wrong shape is named here
         try_out(GuardedAgent(source.name, made), source.sight)
     return replace(source, make=lambda: made), episodes_side_by_side(made, parallel)
 
