@@ -10,8 +10,10 @@ from wrongturn_agents.errors import AgentFailedError, NotAnAgentError
 from wrongturn_agents.evaluation_run import made_once
 from wrongturn_agents.worker import begin, drive
 from wrongturn_client import Client
-from wrongturn_protocol import Command
+from wrongturn_networks import load_suite
+from wrongturn_protocol import Command, Rig, RigCamera
 from wrongturn_protocol.observations import observation_space, sentence_of
+from wrongturn_sim import Episode
 
 ADAPTERS = list(stand_ins.NETWORKS)
 
@@ -158,6 +160,23 @@ def test_the_papers_agent_is_given_its_plane_of_numbers():
     assert seen_by_it[0, 30, 30] == pytest.approx([0.2, 0.2, 0.2, 0, 0, 0, 0, 0, 0])
     assert seen_by_it[0, 0, :4, 3] == pytest.approx([0.36, 0.5, 3.0, 0.0])
     assert (steer, throttle, brake) == pytest.approx((1.3 * 0.05, 0.8, 0.0))
+
+
+def picture(**camera):
+    """Return what a camera sees at the start of a trial, or a part of it."""
+    episode = Episode(load_suite("smoke@3").open_draw.trials[0], Rig(cameras=(RigCamera(**camera),)))
+    observation, _ = episode.reset()
+    episode.abort()
+    return observation["rgb"].astype(int)
+
+
+def test_cameras_show_what_the_authors_keep_of_larger_pictures():
+    left = stand_ins.TransFuser.rig.cameras[0].model_copy(update={"name": "rgb"})
+    published = picture(width=960, height=480, fov=120, forward=1.3, up=2.3, yaw=60)
+    assert np.array_equal(picture(**left.model_dump()), published[160:320, 320:640])
+    published = picture(width=256, height=192, fov=100, forward=0.7, up=1.6)
+    difference = picture(**stand_ins.Carton.rig.cameras[0].model_dump()) - published[70:134, 32:224]
+    assert (difference == 0).mean() > 0.97  # the benchmark's focal length is rounded
 
 
 def test_the_papers_camera_is_the_benchmarks():
