@@ -163,11 +163,11 @@ def test_the_papers_agent_is_given_its_plane_of_numbers():
 
 
 def picture(**camera):
-    """Return what a camera sees at the start of a trial, or a part of it."""
+    """Return what a camera sees at the start of a trial."""
     episode = Episode(load_suite("smoke@3").open_draw.trials[0], Rig(cameras=(RigCamera(**camera),)))
-    observation, _ = episode.reset()
+    found = episode.reset()["rgb"].astype(int)
     episode.abort()
-    return observation["rgb"].astype(int)
+    return found
 
 
 def test_cameras_show_what_the_authors_keep_of_larger_pictures():

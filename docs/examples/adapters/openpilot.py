@@ -1,7 +1,7 @@
 """openpilot's driving model (comma.ai) drives in Wrongturn: two cameras, two frames, a desire; it answers with a plan.
 
-Code and weights: https://github.com/commaai/openpilot (MIT), as of commit 00731a66, ``selfdrive/modeld/models``: the file
-``supercombo.onnx`` from Git LFS, and ``supercombo_metadata.pkl``, which the build writes. With the folder in
+Code and weights: https://github.com/commaai/openpilot (MIT), as of commit 00731a66. In ``selfdrive/modeld/models`` is
+``supercombo.onnx``, from Git LFS, and the build writes ``supercombo_metadata.pkl`` there. With the folder's name in
 OPENPILOT_MODELS::
 
     wrongturn run openpilot:Openpilot --suite smoke@3
