@@ -33,7 +33,7 @@ from wrongturn_sim import Episode
 PAGE: Final = Path("docs/words.md")
 COMMANDS: Final = (Command.LEFT, Command.RIGHT, Command.STRAIGHT, Command.LANE_FOLLOW)
 KINDS: Final = ("plain", "distance", "ordinal")
-_PICTURES, _STEPS, _BATCH = 1500, 3000, 128
+_PICTURES, _STEPS, _BATCH = 800, 600, 64
 _RIG: Final = rig_of(
     {
         "cameras": [{"width": 192, "height": 64, "fov": 83.58, "horizon": 26}],
@@ -132,7 +132,7 @@ def train() -> None:
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
-        if step % 500 == 499:
+        if step % 200 == 199:
             print(f"step {step + 1}: loss {loss.item():.4f}, understood {understood(reader)}", flush=True)
     torch.onnx.export(
         _Told(reader).eval(),

@@ -23,6 +23,7 @@ SHORT = [
     ("ray_kills.py", {"times", "verdicts", "bad"}, soak),
     ("ray_runner_kills.py", {"times", "submissions", "bad"}, soak),
     ("ray_step.py", {"step_ms", "episodes", "steps"}, soak),
+    ("rigs.py", {"rigs"}, soak),
     ("training_loop.py", {"rates", "shares"}, (soak, pytest.mark.skipif(not find_spec("torch"), reason="no torch"))),
     ("towns.py", {"alone", "first_episode_s"}, soak),
     ("vector_env.py", {"tracks"}, ()),
