@@ -21,7 +21,7 @@ LIDAR = 1.3
 
 
 def load(folder):
-    """Return the authors' network as a function of arrays."""
+    """Return the mean of the authors' networks in a folder, as they drive, as a function of arrays."""
     import json
 
     import torch
@@ -33,16 +33,19 @@ def load(folder):
     for name in ("n_layer", "use_target_point_image"):
         setattr(config, name, given.get(name, getattr(config, name)))
     architectures = given["image_architecture"], given["lidar_architecture"]
-    model = LidarCenterNet(config, "cpu", "latentTF", *architectures, bool(given["use_velocity"]))
-    kept = torch.load(next(Path(folder).glob("*.pth")), map_location="cpu")
-    model.load_state_dict({name.removeprefix("module."): value for name, value in kept.items()}, strict=False)
-    model.eval()
+    models = []
+    for file in sorted(Path(folder).glob("*.pth")):
+        model = LidarCenterNet(config, "cpu", "latentTF", *architectures, bool(given["use_velocity"])).eval()
+        kept = torch.load(file, map_location="cpu")
+        model.load_state_dict({name.removeprefix("module."): value for name, value in kept.items()}, strict=False)
+        models.append(model)
     empty, unseen = torch.zeros(1, 2, 256, 256), torch.zeros(1, 1, 256, 256)
 
     def network(image, target_point, velocity):
         with torch.no_grad():
             seen, target, speed = (torch.from_numpy(one) for one in (image, target_point, velocity))
-            return model.forward_ego(seen, empty, target, unseen, speed)[0].numpy()
+            found = [model.forward_ego(seen, empty, target, unseen, speed)[0] for model in models]
+            return torch.stack(found).mean(dim=0).numpy()
 
     return network
 
