@@ -32,6 +32,7 @@ from wrongturn_agents.errors import (
 )
 from wrongturn_agents.onnx_agent import OnnxAgent
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS, trained_with
+from wrongturn_agents.words_agent import LbcWords
 from wrongturn_client.errors import PluginError
 from wrongturn_client.invocation import program
 from wrongturn_client.plugins import entry_points, load
@@ -49,6 +50,8 @@ GROUP: Final = "wrongturn.agents"
 FILES: Final = "wrongturn.files"
 """Entry-point group of classes that drive with a file, by the end of its name."""
 _TRAINED: Final = MappingProxyType({**SHIPPED_AGENTS, **DOUBTING_AGENTS})
+_WORDS: Final = MappingProxyType({LbcWords.name: LbcWords})
+"""Classes that drive by sentences."""
 
 ZIP: Final = ".zip"
 """End of the names of files that Stable-Baselines3 saved."""
@@ -99,7 +102,7 @@ def list_agents() -> list[AgentListing]:
     """
     return [
         AgentListing(name=agent.name, track=agent.track, kind=agent.kind, description=_description(agent))
-        for agent in (*AGENTS.values(), *_TRAINED.values())
+        for agent in (*AGENTS.values(), *_TRAINED.values(), *_WORDS.values())
     ] + [*_listed_of_others()]
 
 
@@ -137,7 +140,7 @@ def resolve(named: str) -> AgentSource:
         OnnxRuntimeMissingError: The extra ``onnx`` is not installed. A trained agent raises it only when it is made.
         MissingPackageError: A ``.zip`` file needs the extra ``training``, which is not installed.
     """
-    if (agent_class := AGENTS.get(named)) is not None:
+    if (agent_class := AGENTS.get(named) or _WORDS.get(named)) is not None:
         return _source(named, agent_class)
     if (shipped := _TRAINED.get(named)) is not None:
         return _made(shipped, shipped.make, [file for file in shipped.files if file.is_file()])
@@ -152,7 +155,7 @@ def resolve(named: str) -> AgentSource:
         return _source(named, _import(named))
     if named.endswith(_PY):
         raise UnknownAgentError(f"agent: {named} is a file; write {_module_of(named)}:Class")
-    known = (*AGENTS, *_TRAINED, *others)
+    known = (*AGENTS, *_TRAINED, *_WORDS, *others)
     raise UnknownAgentError(
         f"agent: there is no agent called {named[:_SHOWN]!r}; known are {', '.join(known)}; or name "
         f"package.module:Class, a .onnx file, or a .zip file of Stable-Baselines3{did_you_mean(named, known)}"
