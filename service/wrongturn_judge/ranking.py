@@ -21,7 +21,7 @@ from wrongturn_protocol import (
     Verdict,
 )
 
-TRACK_ORDER: Final = (Track.CAMERA, Track.SEGMENTATION, Track.PRIVILEGED, Track.STATE)
+TRACK_ORDER: Final = (Track.CAMERA, Track.WORDS, Track.SEGMENTATION, Track.PRIVILEGED, Track.STATE)
 """Order of the tracks on a leaderboard."""
 UNDECIDED: Final = (Verdict.TIMEOUT, Verdict.NOT_ENGAGED)
 """Verdicts that are neither safe nor unsafe. An agent may have few of them."""

@@ -11,6 +11,7 @@ from wrongturn_client import Client, PolicyError
 from wrongturn_networks import load_suite
 from wrongturn_protocol import PracticeRequest
 from wrongturn_protocol.answers import driver_of
+from wrongturn_protocol.observations import text
 from wrongturn_protocol.rigs import rig_of
 from wrongturn_sim import Episode
 
@@ -85,6 +86,32 @@ def test_an_evaluation_is_driven_by_waypoints_and_shows_its_rig(service: Running
         with pytest.raises(PolicyError, match=r"Straight\.rig: left is not in it, and the service shows"):
             client.evaluate(policy, "wrong-command@3")
         Straight.rig = RIG
+
+
+class Hears:
+    """Stands, and keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.told: set[str] = set()
+
+    def reset(self, space: Any) -> None:
+        assert set(space) == {"speed", "steering", "sentence", "rgb"}
+
+    def act(self, observation: dict[str, Any]) -> tuple[float, float, float]:
+        self.told.add(text(observation["sentence"]))
+        return 0.0, 0.0, 1.0
+
+
+def test_an_agent_of_the_track_words_is_told_sentences_and_listed(service: RunningService) -> None:
+    policy = Hears()
+    with Client(service.url) as stranger:
+        token = stranger.register("hears", "words").token
+        with Client(service.url, token) as client:
+            client.evaluate(policy, "smoke@3")
+        board = stranger.leaderboard("smoke@3")
+    assert ("hears", "words") in {(entry.agent.name, entry.agent.track) for entry in board.entries}
+    assert len(policy.told) > 3
+    assert httpx.get(f"{service.url}/leaderboards/smoke@3?track=words").status_code == 200
 
 
 @pytest.mark.parametrize(
