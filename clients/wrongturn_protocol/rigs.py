@@ -170,6 +170,14 @@ class Rig(Message):
         return sum(camera.width * camera.height * camera.history for camera in self.cameras)
 
     @property
+    def picture_bytes(self) -> int:
+        """Bytes that its pictures come to at a decision, at most: three for a pixel of colours, half as JPEGs."""
+        sizes = (
+            (one.width * one.height * one.history * (3 if one.kind == "rgb" else 1), one.jpeg) for one in self.cameras
+        )
+        return sum(size if jpeg is None else size // 2 for size, jpeg in sizes)
+
+    @property
     def text(self) -> str:
         """The rig as JSON."""
         return self.model_dump_json(exclude_defaults=True)

@@ -141,6 +141,6 @@ async def begun(service: Service, submission: str) -> tuple[str, str]:
     assert row is not None
     assert row.agent_id is not None
     assert row.track is not None
-    evaluation = new_evaluation(load_suite(row.suite), row.agent_id, Track(row.track), Entry.UPLOADED)
+    evaluation = new_evaluation(load_suite(row.suite), row.agent_id, Track(row.track), None, Entry.UPLOADED)
     await submissions.rows.begin_evaluation(submission, evaluation)
     return evaluation.id, await submissions.give_token(submission)

@@ -76,7 +76,7 @@ async def begin(
 
 async def _begin(service: Service, caller: Caller, wanted: EvaluationRequest, once: IdempotentRequest) -> EvaluationRow:
     suite = catalogue.suite(wanted.suite)
-    row = new_evaluation(suite, caller.id, caller.track, Entry.REMOTE)
+    row = new_evaluation(suite, caller.id, caller.track, caller.rig, Entry.REMOTE)
 
     def remember(begun: EvaluationRow) -> IdempotencyRow | None:
         return once.row(_detail(begun, 0, service).model_dump_json().encode(), 201, Encoding.JSON)

@@ -15,7 +15,7 @@ import structlog
 
 from wrongturn_networks import Draw, Suite, load_suite
 from wrongturn_networks.draws import halves
-from wrongturn_protocol import Entry, EpisodeState, EvaluationState, ProblemType, Track, Trial
+from wrongturn_protocol import Entry, EpisodeState, EvaluationState, ProblemType, Rig, Track, Trial
 from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service.episodes.draws import Draws
 from wrongturn_service.errors import ConflictError, InvalidRequestError, UnavailableError, unknown
@@ -215,7 +215,7 @@ class RunningEvaluations:
         self._on_finished(evaluation.suite)
 
 
-def new_evaluation(suite: Suite, agent: str, track: Track, entry: Entry) -> EvaluationRow:
+def new_evaluation(suite: Suite, agent: str, track: Track, rig: Rig | None, entry: Entry) -> EvaluationRow:
     """Return the row of a new evaluation with a secret of its own. Raises as :func:`check_takes`."""
     check_takes(suite, track)
     return EvaluationRow(
@@ -228,7 +228,7 @@ def new_evaluation(suite: Suite, agent: str, track: Track, entry: Entry) -> Eval
         secret=secrets.token_hex(32),
         trials=sum(suite.counts),
         created=time.time(),
-        stored_bytes=reserve_of(sum(suite.counts), journeys=suite.of_journeys),
+        stored_bytes=reserve_of(sum(suite.counts), rig, journeys=suite.of_journeys),
     )
 
 

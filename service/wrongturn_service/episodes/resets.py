@@ -149,7 +149,7 @@ class Resets:
         self._check_stopping()
         if caller.submission is None:
             self._check_disk()
-        await self._store.check_room(caller.owner, reserve_of(1, journeys=trial.journey is not None))
+        await self._store.check_room(caller.owner, reserve_of(1, caller.rig, journeys=trial.journey is not None))
         return await self._begin(caller, address, None, trial, encoding, once, origin)
 
     def _check_stopping(self) -> None:
@@ -223,7 +223,7 @@ class Resets:
                 created=time.time(),
                 steps=0,
                 origin_id=episode.origin,
-                stored_bytes=reserve_of(1, journeys=trial.journey is not None) if practice else 0,
+                stored_bytes=reserve_of(1, caller.rig, journeys=trial.journey is not None) if practice else 0,
             )
             try:
                 await self._store.add_episode(row, once.row(body, 201, encoding))

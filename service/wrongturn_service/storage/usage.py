@@ -16,7 +16,7 @@ from sqlalchemy import ColumnElement, case, delete, func, or_, select, update
 from sqlalchemy.ext.asyncio import AsyncSession
 from sqlalchemy.orm import aliased, join, outerjoin
 
-from wrongturn_protocol import EpisodeState, EvaluationState
+from wrongturn_protocol import EpisodeState, EvaluationState, Rig
 from wrongturn_protocol.reserved_names import OWNER_NAME
 from wrongturn_protocol.vocabulary import Collection
 from wrongturn_service.errors import QuotaReachedError
@@ -296,9 +296,10 @@ async def owner_of(session: AsyncSession, agent_id: str) -> str:
     return await session.scalar(select(AgentRow.owner_id).where(AgentRow.id == agent_id)) or ""
 
 
-def reserve_of(episodes: int, *, journeys: bool) -> int:
-    """Return the bytes that so many episodes can come to, with the stored replies to their resets."""
-    return episodes * (REPLY_RESERVE + (JOURNEY_RESERVE if journeys else EPISODE_RESERVE))
+def reserve_of(episodes: int, rig: Rig | None, *, journeys: bool) -> int:
+    """Return the bytes that so many episodes can come to, with the stored replies to their resets and last steps."""
+    pictures = 0 if rig is None else 2 * rig.picture_bytes
+    return episodes * (REPLY_RESERVE + pictures + (JOURNEY_RESERVE if journeys else EPISODE_RESERVE))
 
 
 def over_practice() -> Sequence[ColumnElement[bool]]:

@@ -259,7 +259,9 @@ class Drive(Job):
         if agent is None:
             raise RefusedError("its agent was deleted; hand the model in again")
         try:
-            evaluation = new_evaluation(catalogue.suite(row.suite), agent.id, Track(agent.track), Entry.UPLOADED)
+            evaluation = new_evaluation(
+                catalogue.suite(row.suite), agent.id, Track(agent.track), rig_of(agent.rig), Entry.UPLOADED
+            )
             await self._rows.begin_evaluation(row.id, evaluation)
         except ServiceError as error:
             raise RefusedError(error.detail) from error
