@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from service_harness import RunningService, problem
 
-from wrongturn_client import Client, PolicyError
+from wrongturn_client import Client, ConflictError, PolicyError
 from wrongturn_networks import load_suite
 from wrongturn_protocol import PracticeRequest
 from wrongturn_protocol.answers import driver_of
@@ -86,6 +86,26 @@ def test_an_evaluation_is_driven_by_waypoints_and_shows_its_rig(service: Running
         with pytest.raises(PolicyError, match=r"Straight\.rig: left is not in it, and the service shows"):
             client.evaluate(policy, "wrong-command@3")
         Straight.rig = RIG
+
+
+def test_a_what_if_of_twenty_decisions_a_second_repeats_each_of_them(service: RunningService) -> None:
+    with Client(service.url) as stranger:
+        token = stranger.register("what if by rig", "camera", rig=RIG).token
+    with Client(service.url, token) as client:
+        begun = client.practise(PracticeRequest(suite="smoke@3", trial=TRIAL.id))
+        seq, over = 0, False
+        while not over:
+            seq += 1
+            reply = client.step(begun.id, seq, (0.0, 0.3, 0.001 * (seq % 7)))
+            over = reply.terminated or reply.truncated
+        fork = client.whatif(begun.id, 1.0)
+        for at in range(1, 20):
+            client.step(fork.id, at, (0.0, 0.3, 0.001 * (at % 7)))
+        with pytest.raises(ConflictError):
+            client.step(fork.id, 20, (0.5, 0.3, 0.0))
+        client.step(fork.id, 20, (0.0, 0.3, 0.001 * (20 % 7)))
+        client.step(fork.id, 21, (0.5, 0.3, 0.0))
+        client.abort_episode(fork.id)
 
 
 class Hears:

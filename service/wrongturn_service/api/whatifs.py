@@ -18,7 +18,9 @@ from wrongturn_service.simulators.interface import ACTION
 
 router = APIRouter(prefix="/v1/whatifs", tags=["episodes"], route_class=Route)
 _ROWS: Final = 2
-"""Rows of a decision."""
+"""Rows of 0.1 s."""
+_PER_SECOND: Final = 20
+"""Rows of a second."""
 _CLOSE: Final = 1e-6
 """Decisions: 3.2 s is the decision 32, whatever the last digit of 3.2 / 0.1 is."""
 
@@ -51,12 +53,13 @@ async def fork(
         check_town(trajectory)
         if trajectory.trial.fork is not None:
             raise InvalidRequestError("episode", f"{row.id} is a fork itself; name {row.origin_id or 'another'}")
-        acts = [ACTION.pack(one.steer, one.throttle, one.brake) for one in trajectory.rows[1::_ROWS]]
-        decision = math.ceil(wanted.at / STEP_S - _CLOSE)
-        if decision >= len(acts):
-            last = (len(acts) - 1) * STEP_S
+        decision, count = math.ceil(wanted.at / STEP_S - _CLOSE), len(trajectory.rows[1::_ROWS])
+        if decision >= count:
+            last = (count - 1) * STEP_S
             raise InvalidRequestError("at", f"is {wanted.at:g}, and the last decision is at {last:.1f} s; give less")
         trial = trajectory.trial.model_copy(update={"fork": Fork(decision=decision, command=wanted.command)})
-        origin = row.id, b"".join(acts[:decision])
+        each = _ROWS if caller.rig is None else _PER_SECOND // caller.rig.rate
+        before = trajectory.rows[1 : 1 + decision * _ROWS : each]
+        origin = row.id, b"".join(ACTION.pack(one.steer, one.throttle, one.brake) for one in before)
         body = await service.resets.practise(caller, address_of(request), trial, encoding, once, origin)
     return Response(body, 201, media_type=encoding)
