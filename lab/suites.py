@@ -40,7 +40,9 @@ TRAFFIC: Final = {"Town01": Traffic(vehicles=20, pedestrians=50), "Town02": Traf
 CONDITIONS: Final = tuple(itertools.product(TRAFFIC, (TRAINING_WEATHERS, NEW_WEATHERS)))
 """Town and weathers: training, new weather, new town, new weather and town."""
 DISTURBANCES: Final = tuple(kind for kind in available_faults() if issubclass(fault_class(kind), Disturbance))
-FAULTS: Final = tuple(kind for kind in available_faults() if kind not in {FaultKind.NONE, *DISTURBANCES})
+_APART: Final = {FaultKind.NONE, FaultKind.CONTRADICTION, *DISTURBANCES}
+"""Those that are no wrong command, or came after the extended suite."""
+FAULTS: Final = tuple(kind for kind in available_faults() if kind not in _APART)
 SETTINGS: Final = tuple(itertools.product((TRAINING_WEATHERS, NEW_WEATHERS), (False, True)))
 """Weathers, and whether beside traffic: the settings in which the extended suite has each fault."""
 EXTENDED_TOWNS: Final = 16

@@ -22,7 +22,7 @@ def test_the_trained_are_listed_as_references_after_the_baselines():
     listed = {agent.name: agent for agent in list_agents()}
     after = [name for name in listed if listed[name].kind is not AgentKind.EXPLOIT]
     trained = ["ppo-segmentation", "ppo-image", "ppo-auxiliary", "lbc", PRIVILEGED, "marln"]
-    assert after == [*AGENTS, *trained, *DOUBTING_AGENTS]
+    assert after == [*AGENTS, *trained, *DOUBTING_AGENTS, "lbc-words"]
     assert list(listed)[: len(after)] == after
     other = {"ppo-segmentation": Track.SEGMENTATION, PRIVILEGED: Track.PRIVILEGED}
     assert {name: listed[name].track for name in trained} == dict.fromkeys(trained, Track.CAMERA) | other

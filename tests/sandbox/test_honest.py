@@ -19,7 +19,7 @@ from wrongturn_sandbox.checking import check
 LIMITS = Limits(memory=1 << 30, load_s=60, step_s=60)
 FOLDER = Path(wrongturn_agents.__file__).parent / "weights"
 WEIGHTS = sorted(
-    file for file in FOLDER.glob("*.onnx") if not file.name.endswith(".gate.onnx")
+    file for file in FOLDER.glob("*.onnx") if not file.name.endswith((".gate.onnx", ".sentence.onnx"))
 )  # no agents by themselves
 
 

@@ -96,10 +96,14 @@ def effects_of(observed: Sequence[Observed]) -> Effects:
     references = {name: next(level for factor, level in columns if factor == name) for name in levels}
     unsafe = np.array([one.unsafe for one in observed], float)
     rows = [key for key in columns if len(set(levels[key[0]])) > 1]
-    # A level in one cluster is fitted like the others, but its own difference means nothing.
+    # What a level in one cluster does cannot be told from what the cluster adds, so its trials are left out.
     known = {key for key in rows if len(set(clusters[columns[key] > 0])) > 1}
-    told = [key for key in rows if key[1] != references[key[0]]]
-    design = np.column_stack([np.ones(len(observed)), *(columns[key] for key in told)])
+    kept = np.all([columns[key] == 0 for key in rows if key not in known] or [unsafe >= 0], axis=0)
+    told = [key for key in rows if key in known and key[1] != references[key[0]]]
+    for name, level in references.items():
+        if (name, level) in rows and (name, level) not in known:  # another level of the factor stands for it
+            told.remove(next(key for key in told if key[0] == name))
+    design = np.column_stack([np.ones(len(observed)), *(columns[key] for key in told)])[kept]
     count, why = int(clusters.max()) + 1, None
     if unsafe.min() == unsafe.max():
         why = "All trials ended alike."
@@ -107,7 +111,7 @@ def effects_of(observed: Sequence[Observed]) -> Effects:
         why = f"There are {count} junctions or drawn towns, and {LEAST_CLUSTERS} are needed."
     elif np.linalg.matrix_rank(design) < design.shape[1]:
         why = "The trials do not tell the factors apart: two of them vary together."
-    fitted = dict(zip(told, _fit(unsafe, design, clusters), strict=True)) if why is None else {}
+    fitted = dict(zip(told, _fit(unsafe[kept], design, clusters[kept]), strict=True)) if why is None else {}
     found = []
     for key in rows:
         own = columns[key] > 0
@@ -130,7 +134,7 @@ def _fit(unsafe: Any, design: Any, clusters: Any) -> list[tuple[float | None, ..
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         result = GEE(unsafe, design, groups=clusters).fit(cov_type="bias_reduced")
-    freedom = int(clusters.max())
+    freedom = len(set(clusters.tolist())) - 1
     found: list[tuple[float | None, ...]] = []
     # Not GEE's ``bse``: it takes the root of variances that are zero but for rounding, and so may be negative.
     for value, variance in zip(result.params[1:].tolist(), np.diag(result.cov_robust_bc)[1:].tolist(), strict=True):

@@ -39,8 +39,6 @@ OBSERVATIONS: Final = {
     track: f"{track.capitalize()}Observation" for track in sorted(Track, key=lambda track: -len(FIELDS[track]))
 }
 """Name of each track's schema. One with more keys comes first: generated clients take the first that fits."""
-RIG_OBSERVATION: Final = "RigObservation"
-"""Name of the schema of all rigs."""
 _REFERENCE = "#/components/schemas/{model}"
 _INPUTS: list[tuple[Any, Literal["validation"]]] = [
     *((model, "validation") for model in (AgentRegistration, EvaluationRequest, OwnerRegistration, PracticeRequest)),
@@ -170,16 +168,9 @@ def _add_observations(schemas: dict[str, Any]) -> None:
 
     for track, name in OBSERVATIONS.items():
         schemas[name] = json_schema(track)
-    schemas[RIG_OBSERVATION] = {
-        "description": "Observation of an agent with a rig: its navigation inputs, and its pictures by their names.",
-        "type": "object",
-        "properties": schemas[OBSERVATIONS[Track.STATE]]["properties"],
-        "required": ["speed", "steering"],
-        "additionalProperties": True,
-    }
     observation = {
-        "description": "What the agent is shown, by its track or its rig.",
-        "anyOf": [reference(name) for name in (*OBSERVATIONS.values(), RIG_OBSERVATION)],
+        "description": "What the agent is shown, by its track; with a rig, the keys that the rig names.",
+        "oneOf": [reference(name) for name in OBSERVATIONS.values()],
     }
     for reply in ("EpisodeReply", "StepReply"):
         schemas[reply]["properties"]["observation"] = observation
