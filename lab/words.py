@@ -26,7 +26,7 @@ from wrongturn_faults import phrasings, sentence
 from wrongturn_networks import load_suite
 from wrongturn_protocol import DIRECTIONS, Command, Fault, FaultKind, Outcome, Track, Trial
 from wrongturn_protocol.answers import driver_of
-from wrongturn_protocol.observations import SENTENCE, observation_space, sentence_of
+from wrongturn_protocol.observations import SENTENCE, observation_space, sentence_of, text
 from wrongturn_protocol.rigs import rig_of
 from wrongturn_sim import Episode
 
@@ -86,7 +86,7 @@ def said(random: np.random.Generator, command: Command) -> str:
     kinds = [kind for kind in KINDS if phrasings(command, kind)]
     kind = str(random.choice(kinds))
     numbers = [k for k in range(len(phrasings(command, kind))) if k not in held_out(kind, command)]
-    text = sentence(
+    words = sentence(
         command,
         kind,
         number=int(random.choice(numbers)),
@@ -94,9 +94,9 @@ def said(random: np.random.Generator, command: Command) -> str:
         ordinal=int(random.integers(1, 4)),
     )
     if random.random() < 0.3:
-        text = str(random.choice(["Please: ", "Now: ", "OK. ", "Listen: "])) + text
-    text = text.lower() if random.random() < 0.3 else text
-    return "".join(one for one in text if random.random() > 0.02)
+        words = str(random.choice(["Please: ", "Now: ", "OK. ", "Listen: "])) + words
+    words = words.lower() if random.random() < 0.3 else words
+    return "".join(one for one in words if random.random() > 0.02)
 
 
 def answers(pictures: dict[str, Any]) -> Tensor:
@@ -217,7 +217,7 @@ def drive(row: Row, trial: Trial) -> Outcome:
             seen = {**seen, "sentence": sentence_of(words)}
         elif row.fault is not None and say is not None:
             right = say(Command(int(seen["command"][0])), float(seen["distance"][0]))
-            beside = bytes(seen["sentence"]).rstrip(b"\0").decode()
+            beside = text(seen["sentence"])
             differ = episode.trial.fault.kind is row.fault and seen["command"][0] != Command.LANE_FOLLOW
             seen = {**seen, "sentence": sentence_of(f"{right} {beside}" if differ else right)}
         action = control(agent.act(seen), seen)

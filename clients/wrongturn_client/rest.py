@@ -170,8 +170,8 @@ class TypedCalls(RestCalls):
         """Register an agent. Its token is shown only now. Other kinds than ``submitted`` need the operator's token.
 
         With an owner's token the agent is that owner's. Without a token an owner of the agent's name is made. Say with
-        ``trained_on_faults`` that it met wrong commands in its training; the leaderboard marks it. A ``rig`` says what
-        it sees, is told and answers with, if that is not what its track shows.
+        ``trained_on_faults`` that it met wrong commands in its training; the leaderboard marks it. A ``rig``
+        declares cameras, inputs and answers that differ from the track's.
 
         Raises:
             ValueError: The name, the track or another argument is not valid; the message names it.

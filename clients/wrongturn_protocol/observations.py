@@ -9,7 +9,7 @@ import base64
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -123,7 +123,7 @@ FIELDS: Final[Mapping[Track, tuple[Field, ...]]] = {
 """Fields of each track, in order."""
 
 
-@cache
+@lru_cache(maxsize=256)  # agents bring rigs of their own
 def fields_of(sight: Sight) -> tuple[Field, ...]:
     """Return the fields of a track or a rig, in order."""
     if isinstance(sight, Track):

@@ -9,7 +9,6 @@ tell nothing of the junction's exits, as a model is told nothing of them by a co
 
 import math
 import random
-from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
@@ -32,18 +31,16 @@ _NEAREST: Final = 7.5
 _APART: Final = 20.0
 """Distance between target points on a lane, metres."""
 _POINTS: Final = 2
-_KINDS: Final = ("plain", "distance", "ordinal")
 
 
 class Planner:
     """Tells the navigation inputs of one episode, one decision after the other."""
 
     def __init__(self, sight: Track | Rig, trial: Trial, fault: CommandFault, navigator: Navigator) -> None:
-        self._inputs: Iterable[NavigationInput] = sight.navigation if isinstance(sight, Rig) else ()
-        if sight is Track.WORDS:
-            self._inputs = (NavigationInput.SENTENCE,)
+        rig = sight if isinstance(sight, Rig) else Rig(navigation=(NavigationInput.SENTENCE,))  # the track words
+        self._inputs = rig.navigation
         drawn = random.Random(f"sentence {trial.seed}")
-        self._kind = drawn.choice(sight.sentences if isinstance(sight, Rig) else _KINDS)
+        self._kind = drawn.choice(rig.sentences)
         self._number = drawn.randrange(1 << 16)
         self._alone = NavigationInput.COMMAND not in self._inputs
         self._fault, self._navigator = fault, navigator
