@@ -139,7 +139,11 @@ def test_a_batch_gives_what_act_gives(here: Path):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("agent", "suite", "crowded"),
-    [("ppo-segmentation", "smoke@3", False), ("lbc", "smoke@3", False), ("careful", "navigation@1", True)],
+    [
+        ("ppo-segmentation", "smoke@3", False),
+        pytest.param("lbc", "smoke@3", False, marks=pytest.mark.soak),
+        ("careful", "navigation@1", True),
+    ],
 )
 def test_verdicts_and_trajectories_are_those_of_the_service(service: LocalService, agent, suite, crowded):
     whole = installed_suite(suite)

