@@ -6,7 +6,7 @@ import numpy as np
 from gymnasium import spaces
 
 from wrongturn_protocol import ActionLike, AgentKind, Command, Sight, Track
-from wrongturn_protocol.observations import Observation, observation_space
+from wrongturn_protocol.observations import Observation, observation_space, sentence_of
 
 
 @runtime_checkable
@@ -63,7 +63,8 @@ def try_out(agent: Agent, sight: Sight) -> None:
     space = observation_space(sight)
     space.seed(0)
     agent.reset(space)
-    seen = {**space.sample(), "command": np.array([Command.LANE_FOLLOW], np.int64)}
+    command = np.array([Command.LANE_FOLLOW], np.int64)
+    seen = {**space.sample(), "command": command, "next_command": command, "sentence": sentence_of("Follow the road.")}
     agent.act({name: seen[name] for name in space})
     agent.reset(space)
 

@@ -25,7 +25,7 @@ def driver_of(sight: Sight) -> Callable[[Any, Observation], Action]:
                 return answer
             try:
                 return tracker.controls(answer, float(observation["speed"][0]))
-            except (ValueError, TypeError) as error:
+            except ValueError as error:
                 raise ActionError(str(error)) from error
 
         return follow

@@ -4,12 +4,12 @@ Tracks are rigs with names. An agent with another rig still has a track, the cla
 """
 
 import re
-from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
 from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
+from pydantic_core import to_json
 
 from wrongturn_protocol.episodes import Message, is_none
 from wrongturn_protocol.vocabulary import Track
@@ -45,6 +45,7 @@ Pixels = Annotated[int, Field(ge=1, le=2048)]
 Metres = Annotated[float, Field(ge=-20, le=20, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(gt=0, le=60, allow_inf_nan=False)]
 Degrees = Annotated[float, Field(ge=-180, le=180, allow_inf_nan=False)]
+Gain = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 
 
 class RigCamera(Message):
@@ -90,22 +91,21 @@ class RigCamera(Message):
         return picture if self.history == 1 else (self.history, *picture)
 
 
-@dataclass(frozen=True)
-class TrackerGains:
+class TrackerGains(Message):
     """Settings of the controllers, by default those of the shipped agent ``lbc``.
 
     As in the authors' program, there are no derivative parts.
     """
 
-    steer: tuple[float, float] = (0.9, 0.1)
+    steer: tuple[Gain, Gain] = (0.9, 0.1)
     """Proportional and integral gain of the steering."""
-    speed: tuple[float, float] = (0.8, 0.2)
+    speed: tuple[Gain, Gain] = (0.8, 0.2)
     """Proportional and integral gain of the speed: acceleration in m/s² for an error of 1 m/s."""
-    aim_s: float = 1.0
+    aim_s: Seconds = 1.0
     """The car steers for the place where the trajectory is after so many seconds."""
-    lasting_s: float = 2.0
+    lasting_s: Annotated[float, Field(ge=0.05, le=60, allow_inf_nan=False)] = 2.0
     """Time over which errors are averaged for the integral parts, seconds."""
-    standing: float = 0.4
+    standing: Gain = 0.4
     """At a mean speed below this the car should stand, m/s: it brakes fully."""
 
 
@@ -128,8 +128,10 @@ class RigAction(Message):
         if self.kind == "waypoints":
             if not self.times or any(later <= earlier for earlier, later in pairwise(self.times)):
                 raise ValueError("times: give growing seconds above 0, one for each waypoint")
-        elif self.times:
-            raise ValueError(f"times: {self.kind} have none; leave them out, or let kind be waypoints")
+        elif self.times or self.side != "left" or self.behind or self.gains:
+            raise ValueError(
+                f"times: {self.kind} have none, nor side, behind or gains; leave them out, or let kind be waypoints"
+            )
         return self
 
 
@@ -138,9 +140,7 @@ class Rig(Message):
 
     cameras: Annotated[tuple[RigCamera, ...], Field(max_length=CAMERAS)] = ()
     navigation: tuple[NavigationInput, ...] = (NavigationInput.COMMAND,)
-    sentences: Annotated[tuple[Literal["plain", "distance", "ordinal", "ambiguous"], ...], Field(min_length=1)] = (
-        "plain", "distance", "ordinal",
-    )  # fmt: skip
+    sentences: tuple[Literal["plain", "distance", "ordinal", "ambiguous"], ...] = ("plain", "distance", "ordinal")
     """Kinds of sentences, of which each trial draws one."""
     rate: Literal[10, 20] = 10
     """Decisions in a second."""
@@ -154,9 +154,14 @@ class Rig(Message):
             if camera.name in _TAKEN or camera.name in names[:number]:
                 raise ValueError(f"{here}.name: {camera.name} is the name of another input; give it one of its own")
             if camera.rate is not None and self.rate % camera.rate:
-                raise ValueError(f"{here}.rate: {camera.rate} does not divide the rig's rate of {self.rate} per second")
+                raise ValueError(
+                    f"{here}.rate: {camera.rate} does not divide the rig's rate of {self.rate} per second; "
+                    f"give {', '.join(str(one) for one in range(1, 21) if self.rate % one == 0)}"
+                )
         if len(set(self.navigation)) < len(self.navigation):
             raise ValueError("navigation: names an input twice; give each once")
+        if not 0 < len(set(self.sentences)) == len(self.sentences):
+            raise ValueError("sentences: are none, or one twice; give each kind once, or leave them out")
         if self.pixels > PIXELS:
             raise ValueError(
                 f"cameras: show {self.pixels} pixels at a decision, histories included; at most {PIXELS} are drawn: "
@@ -207,7 +212,10 @@ def rig_of(given: Any) -> Rig | None:
     try:
         if given is None or isinstance(given, Rig):
             return given
-        return _RIG.validate_json(given) if isinstance(given, str | bytes) else _RIG.validate_python(given)
+        # Strict as the service is: no text or truth for a number.
+        return _RIG.validate_json(
+            given if isinstance(given, str | bytes) else to_json(given, fallback=repr), strict=True
+        )
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         message = re.sub("^Value error, ", "", first["msg"])
@@ -226,9 +234,10 @@ def sight_of(track: Track, rig: Rig | None) -> Sight:
         raise RigError(f"rig: the {track} track has none; leave it out, or take the track camera")
     classes = [camera.name for camera in rig.cameras if camera.kind == "segmentation"]
     if classes and track is not Track.SEGMENTATION:
-        raise RigError(f"rig.cameras: {classes[0]} shows classes; take the track segmentation, or let its kind be rgb")
+        raise RigError(f"rig.cameras: {classes[0]} shows classes; let its kind be rgb, or take the track segmentation")
     if (track is Track.WORDS) != (NavigationInput.SENTENCE in rig.navigation):
-        raise RigError("rig.navigation: the track words has sentences, and no other track has; take one of the two")
+        remedy = "let navigation be sentence" if track is Track.WORDS else "take that track, or leave sentence out"
+        raise RigError(f"rig.navigation: the track words has sentences, and no other track has; {remedy}")
     if track is Track.WORDS and len(rig.navigation) > 1:
         raise RigError("rig.navigation: the track words has the sentence alone; leave the other inputs out")
     return rig

@@ -10,6 +10,8 @@ from wrongturn_protocol.episodes import Action
 from wrongturn_protocol.rigs import TrackerGains
 from wrongturn_protocol.vehicle import VEHICLE
 
+_FAR = 1e6  # where sums of squares are finite
+
 
 class Tracker:
     """Follows a model's trajectories, one after the other. Make a new one for each episode: it remembers mean errors.
@@ -52,12 +54,15 @@ class Tracker:
         Raises:
             ValueError: the waypoints have another shape, or are not finite.
         """
-        given = np.asarray(waypoints, float)
         wanted = (len(self._times) - 1, 2)
+        try:
+            given = np.asarray(waypoints, float)
+        except (ArithmeticError, TypeError, ValueError) as error:
+            raise ValueError(f"waypoints: are no numbers ({error}); give {wanted}, metres") from error
         if given.shape != wanted:
             raise ValueError(f"waypoints: have the shape {given.shape}; give {wanted}, one for each of the times")
-        if not np.isfinite(given).all():
-            raise ValueError("waypoints: are not finite; give numbers")
+        if not (np.abs(given) < _FAR).all():
+            raise ValueError(f"waypoints: are not finite, or farther than {_FAR:.0f} m; give metres from the car")
         path = np.vstack([np.zeros(2), given * (1.0, self._side)]) - (self._behind, 0.0)
         gains = self._gains
         desired = float(np.hypot(*np.diff(path, axis=0).T).sum() / self._times[-1])
