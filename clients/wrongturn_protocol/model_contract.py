@@ -16,6 +16,7 @@ from wrongturn_protocol.actions import ActionLike
 from wrongturn_protocol.episodes import Action
 from wrongturn_protocol.observations import FIELDS, Field, Observation, fields_of
 from wrongturn_protocol.rigs import Rig, RigError, Sight, rig_of, sight_of, track_of
+from wrongturn_protocol.tracking import FAR
 from wrongturn_protocol.vocabulary import Track
 
 ACTION: Final = "action"
@@ -116,6 +117,8 @@ class ModelContract:
         kind = "controls" if self.rig is None else self.rig.action.kind
         if self.rig is not None and kind == "waypoints":
             trajectory: NDArray[Any] = _checked(outputs, WAYPOINTS, ((1, len(self.rig.action.times), 2),))[0]
+            if np.abs(trajectory).max() >= FAR:
+                raise ContractError(f"output {WAYPOINTS}: is farther than {FAR:.0f} m; give metres from the car")
             return trajectory
         steer, *pedals = (value for name in self.outputs if name != STATE_OUT for value in _values(outputs, name))
         if "accelerate" in self.outputs:

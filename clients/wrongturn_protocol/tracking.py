@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -10,7 +10,8 @@ from wrongturn_protocol.episodes import Action
 from wrongturn_protocol.rigs import TrackerGains
 from wrongturn_protocol.vehicle import VEHICLE
 
-_FAR = 1e6  # where sums of squares are finite
+FAR: Final = 1e6
+"""Metres that no waypoint reaches: sums of squares stay finite."""
 
 
 class Tracker:
@@ -61,8 +62,8 @@ class Tracker:
             raise ValueError(f"waypoints: are no numbers ({error}); give {wanted}, metres") from error
         if given.shape != wanted:
             raise ValueError(f"waypoints: have the shape {given.shape}; give {wanted}, one for each of the times")
-        if not (np.abs(given) < _FAR).all():
-            raise ValueError(f"waypoints: are not finite, or farther than {_FAR:.0f} m; give metres from the car")
+        if not (np.abs(given) < FAR).all():
+            raise ValueError(f"waypoints: are not finite, or farther than {FAR:.0f} m; give metres from the car")
         path = np.vstack([np.zeros(2), given * (1.0, self._side)]) - (self._behind, 0.0)
         gains = self._gains
         desired = float(np.hypot(*np.diff(path, axis=0).T).sum() / self._times[-1])

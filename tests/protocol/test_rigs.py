@@ -91,6 +91,7 @@ def test_any_rig_and_its_observations_survive_the_wire(rig: Rig, seed: int) -> N
         ({"cameras": [{**CAMERA, "width": "90"}]}, "rig.cameras.0.width"),
         ({"cameras": [{**CAMERA, "history": True}]}, "rig.cameras.0.history"),
         ({"navigation": ["sentence"], "sentences": ["plain", "plain"]}, "sentences: are none, or one twice"),
+        ({"action": {"kind": "waypoints", "times": [1e-300]}}, "rig.action.times.0"),
         (3, "rig: Input should be an object"),
         ("{", "rig: Invalid JSON"),
         ([], "rig"),
@@ -133,6 +134,8 @@ def test_a_model_of_a_rig_takes_its_pictures_and_gives_its_waypoints() -> None:
     np.testing.assert_array_equal(found.action({"waypoints": given}), given[0])
     with pytest.raises(ContractError, match=r"waypoints: is .* must be finite and float32 \(1, 2, 2\)"):
         found.action({"waypoints": given * np.nan})
+    with pytest.raises(ContractError, match="waypoints: is farther than 1000000 m"):
+        found.action({"waypoints": given * np.float32(1e37)})
     changes = words.model_copy(update={"action": words.action.model_copy(update={"kind": "increments", "times": ()})})
     found = contract(signature(changes, {"steer": ("N", 1), "accelerate": ("N", 1)}))
     values = {"steer": np.float32([[-3.0]]), "accelerate": np.float32([[-0.5]])}
