@@ -76,12 +76,11 @@ def validated(kind: type[M], message: Any) -> M:
         ) from error
 
 
-def track_of_message(observation: Mapping[str, Any]) -> Track:
-    """Return the track of an observation, by its keys; raise ProtocolError if no track has exactly these."""
+def shown_track(observation: Observation) -> Track | None:
+    """Return the track whose arrays these are, by names and shapes; None for those of a rig."""
     track = _TRACKS.get(frozenset(observation))
-    if track is None:
-        raise ProtocolError(f"no track has observations of just {', '.join(sorted(observation))}; {_SAME_VERSION}")
-    return track
+    alike = track is not None and all(observation[field.name].shape == field.shape for field in FIELDS[track])
+    return track if alike else None
 
 
 def decoded(message: Mapping[str, Any]) -> Observation:
@@ -103,7 +102,14 @@ def sight_of_policy(policy: object, observation: Observation) -> Sight:
         rig = rig_of(getattr(policy, "rig", None))
     except RigError as error:
         raise PolicyError(f"{type(policy).__name__}.{error}") from None
-    fields = {field.name: field.shape for field in fields_of(track_of_message(observation) if rig is None else rig)}
+    if rig is None:
+        if (track := shown_track(observation)) is None:
+            raise PolicyError(
+                f"{type(policy).__name__}.rig: there is none, and the agent was registered with one, which shows "
+                f"{', '.join(observation)}; give the class this rig, or register it anew without one"
+            )
+        return track
+    fields = {field.name: field.shape for field in fields_of(rig)}
     shapes = {name: array.shape for name, array in observation.items()}
     if shapes != fields:
         wrong = next(name for name in (*fields, *shapes) if fields.get(name) != shapes.get(name))
@@ -111,7 +117,7 @@ def sight_of_policy(policy: object, observation: Observation) -> Sight:
             f"{type(policy).__name__}.rig: {wrong} is {fields.get(wrong, 'not in it')}, and the service shows "
             f"{shapes.get(wrong, 'none')}; the agent was registered with another rig: register it anew with this one"
         )
-    return rig or track_of_message(observation)
+    return rig
 
 
 class OneThread:

@@ -12,7 +12,7 @@ import numpy as np
 from wrongturn_client import settings
 from wrongturn_client.client import Client
 from wrongturn_client.closing import Closing
-from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, Result, granted, practise_call
+from wrongturn_client.episode_calls import DriveConnection, EpisodeCall, Result, granted, practise_call, shown_track
 from wrongturn_client.errors import EpisodeFinishedError, EpisodeLostError, WrongturnError
 from wrongturn_protocol import ApproachDetail, OptionError, PracticeRequest, Rig, Track, Trial, TrialOptions
 from wrongturn_protocol.observations import Observation
@@ -38,6 +38,8 @@ class PracticeEpisode:
     def begin(self, reply: dict[str, Any]) -> dict[str, Any]:
         """Take the reply to a reset, and return Gymnasium's ``info``."""
         self.id, self.open, self.seq, self.seen = reply["id"], True, 0, reply["observation"]
+        if shown_track(self.seen) is None:
+            raise OptionError("token: its agent has a rig, and these environments show tracks; give another's, or none")
         return {"trial": reply["trial"], "town": reply["town"]}
 
     def advance(self, reply: dict[str, Any]) -> tuple[float, bool, bool, dict[str, Any]]:

@@ -13,6 +13,7 @@ import wrongturn_protocol as protocol
 from wrongturn_client.episode_calls import validated
 from wrongturn_client.errors import ProtocolError
 from wrongturn_client.transport import CSV, Transport, path_of
+from wrongturn_protocol.rigs import rig_of
 from wrongturn_protocol.suggestions import did_you_mean
 
 M = TypeVar("M", bound=BaseModel)
@@ -184,7 +185,7 @@ class TypedCalls(RestCalls):
             homepage=homepage,
             kind=kind,
             trained_on_faults=trained_on_faults,
-            rig=rig,
+            rig=rig_of(rig),
         )
         return self._create(protocol.RegisteredAgent, registration.model_dump(mode="json"), "agents")
 
@@ -212,6 +213,8 @@ def _checked(registration: type[M], /, **fields: Any) -> M:
         return registration(**fields)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
+        if not first["loc"]:  # fields that do not fit together
+            raise ValueError(first["msg"].removeprefix("Value error, ")) from error
         field = str(first["loc"][0])
         rule = (
             f"give {', '.join(protocol.Track)}{did_you_mean(first['input'], protocol.Track)}"

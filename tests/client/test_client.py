@@ -112,15 +112,17 @@ def test_a_repeated_creation_carries_the_same_key_and_another_creation_another(
 
 
 @pytest.mark.parametrize(
-    ("name", "track", "says"),
+    ("name", "track", "rig", "says"),
     [
-        ("y", "cam", r"^track: is 'cam'; give .*camera.*\. Did you mean camera\?$"),
-        ("", "privileged", r"^name: is ''; .*letters.*$"),
+        ("y", "cam", None, r"^track: is 'cam'; give .*camera.*\. Did you mean camera\?$"),
+        ("", "privileged", None, r"^name: is ''; .*letters.*$"),
+        ("y", "privileged", {}, r"^rig: the privileged track has none; .*$"),
+        ("y", "camera", {"cameras": [{"width": "4", "height": 4}]}, r"^rig\.cameras\.0\.width: .*integer$"),
     ],
 )
-def test_a_registration_that_is_not_valid_is_told_in_a_line(name: str, track: str, says: str) -> None:
+def test_a_registration_that_is_not_valid_is_told_in_a_line(name: str, track: str, rig: Any, says: str) -> None:
     with Client("http://fake", "") as client, pytest.raises(ValueError, match=says):
-        client.register(name, track)
+        client.register(name, track, rig=rig)
 
 
 def test_an_owner_registers_and_renews_its_token(fake: FakeService, client: Client) -> None:

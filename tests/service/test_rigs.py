@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import gymnasium
 import httpx
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from service_harness import RunningService, problem
 
 from wrongturn_client import Client, ConflictError, PolicyError
 from wrongturn_networks import load_suite
-from wrongturn_protocol import PracticeRequest
+from wrongturn_protocol import OptionError, PracticeRequest
 from wrongturn_protocol.answers import driver_of
 from wrongturn_protocol.observations import text
 from wrongturn_protocol.rigs import rig_of
@@ -86,7 +87,14 @@ def test_an_evaluation_is_driven_by_waypoints_and_shows_its_rig(service: Running
         Straight.rig = RIG.model_copy(update={"cameras": RIG.cameras[:1]})
         with pytest.raises(PolicyError, match=r"Straight\.rig: left is not in it, and the service shows"):
             client.evaluate(policy, "wrong-command@3")
+        Straight.rig = None
+        with pytest.raises(PolicyError, match=r"Straight\.rig: there is none, and the agent was registered with one"):
+            client.evaluate(policy, "wrong-command@3")
         Straight.rig = RIG
+    env = gymnasium.make("wrongturn_client:Wrongturn-v0", url=service.url, token=registered.token, track="camera")
+    with pytest.raises(OptionError, match="token: its agent has a rig"):
+        env.reset(seed=1)
+    env.close()
 
 
 def test_a_what_if_of_twenty_decisions_a_second_repeats_each_of_them(service: RunningService) -> None:
