@@ -43,7 +43,7 @@ class NavigationInput(StrEnum):
 
 Pixels = Annotated[int, Field(ge=1, le=2048)]
 Metres = Annotated[float, Field(ge=-20, le=20, allow_inf_nan=False)]
-Seconds = Annotated[float, Field(ge=0.01, le=60, allow_inf_nan=False)]
+Seconds = Annotated[float, Field(ge=0.001, le=60, allow_inf_nan=False)]
 Degrees = Annotated[float, Field(ge=-180, le=180, allow_inf_nan=False)]
 Gain = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 
