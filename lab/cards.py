@@ -11,12 +11,11 @@ import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from lab import doubting
 from lab.curves import LAB, Curve, read_curves
 from lab.stored_results import Collection
-from lab.studies import read_evaluations
 from lab.tables import count_success, count_unsafe, counts_by_seed, marked, spread, with_interval
 from wrongturn_agents.errors import ModelFileError
 from wrongturn_agents.onnx_agent import open_session
@@ -192,7 +191,7 @@ def doubting_card(agent: ShippedAgent, facts: Facts) -> str:
     """Return the card of a doubting agent whose file is there."""
     said: dict[str, str] = open_session(agent.file).get_modelmeta().custom_metadata_map
     seed, evaluation = said["seed"], json.loads(said["evaluation"])
-    heads = list(evaluation)
+    heads = [head for head in evaluation if head != "temperatures"]
     tells = [
         f"| {text} | " + " | ".join(f"{evaluation[head][name]:.4g}" for head in heads) + " |"
         for name, text in _TOLD.items()
@@ -230,7 +229,7 @@ def doubting_card(agent: ShippedAgent, facts: Facts) -> str:
         "## What it tells",
         "\n".join(["| | " + " | ".join(heads) + " |", "|---|" + "---:|" * len(heads), *tells]),
         "## How it drives",
-        _draws(agent, int(seed)),
+        _draws(agent),
         "## Limits",
         f"It drives as `{agent.drives}` does; the card of `{agent.drives}` has more. It knows junctions with three and "
         "four arms at right angles. If the road has the exit of a wrong command, it cannot know that the command is "
@@ -330,27 +329,11 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
     return [*parts, "Brackets hold the 95 % interval of the rate."] if parts else ["No results are stored yet."]
 
 
-def _draws(agent: ShippedAgent, seed: int) -> str:
-    """Return the sums over a doubting agent's evaluations, and over its draws of the study by town and weather."""
-    counted = [count_unsafe(one) for one in read_evaluations() if one.agent == agent.name]
-    whole: tuple[Any, ...] = (agent.name, seed, [], None)
-    places: dict[str, list[dict[str, Any]]] = {}
-    for one in doubting.read(doubting.FIGURES):
-        if (one["algorithm"], one["seed"], one["gate"], one["variant"]) == whole:
-            places.setdefault(f"{one['town']}, {one['weather']}, in process", []).append(one)
-    service = [
-        {"unsafe_strict": one.unsafe_strict, "trials": one.trials, "twins_completed": one.completed, "twins": one.twins}
-        for one in counted
-    ]
-    found = {**({"Town01, ClearNoon, over the service": service} if service else {}), **places}
-    lines = []
-    for place, own in found.items():
-        unsafe, trials, done, twins = (
-            sum(one[name] for one in own) for name in ("unsafe_strict", "trials", "twins_completed", "twins")
-        )
-        lines.append(f"| {place} | {len(own)} | {unsafe} of {trials} | {done} of {twins} |")
-    head = "| draws of `wrong-command@3`'s cells | draws | unsafe, strict | twins completed |"
-    return "\n".join([head, "|---|---:|---:|---:|", *lines]) if lines else "No results are stored yet."
+def _draws(agent: ShippedAgent) -> str:
+    """Return how the episodes of the studies ended, and those of evaluations over the service."""
+    lines = [f"- `{suite}`: {doubting.counts(own)}." for study, suite in doubting.SUITES.items()
+             if (own := doubting.episodes_of(study, agent.name))]  # fmt: skip
+    return "\n".join([*lines, "", "`docs/results.md` has the evaluations over the service, beside all others."])
 
 
 def main() -> None:

@@ -1,132 +1,164 @@
-"""Figures of the doubting agents: draws of the suite's cells in any town and weather, whole and with parts taken away.
+"""What doubting agents bear, and what their doubt is worth, on draws that no evaluation has.
 
-    python -m lab.doubting doubting --town Town01 --town Town02 --draws 2 --keep
-    python -m lab.doubting runs/doubting-1/best.pt --gate omission=false --town Town02 --secret a
+    python -m lab.doubting unseen doubting --secrets 10     # wrong-command-unseen@1
+    python -m lab.doubting disturbed doubting               # disturbed@1
+    python -m lab.doubting extended doubting                # wrong-command-extended@1, trials without other road users
+    python -m lab.doubting unseen doubting --unheard        # the gate looks on, and the driving agent obeys
+    python -m lab.doubting known runs/doubting-1/best.pt --gate omission=false    # wrong-command@3, a part taken away
+    python -m lab.doubting pictures runs/doubting-1/best.pt # what it tells of disturbed pictures
 
-The draws are made for the study: they belong to no evaluation. Each prints a line with its counts, and one for each
-trial that failed. The secrets of ``--draws`` are made of the SHA-256 of the files that drive, so nobody chooses them,
-and nobody knew their trials when the agent was made. A kept draw is not driven again.
+The secrets are ``doubts 1`` and so on: they belong to no evaluation. What a shipped agent drives is kept in
+``lab/stored/studies/doubting.json``, each episode of it, and not driven again while its files are the same.
 """
 
 import argparse
-import dataclasses
 import json
-import sys
+import math
 import tempfile
-import time
-from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import fields, replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-import torch
+import numpy as np
 
-from lab.in_process import DrivenEpisode, drive_in_process
 from lab.studies import STUDIES, threads
-from lab.tables import Table
+from lab.tables import Row, Table
+from wrongturn_agents.doubting_agent import DoubtingAgent
 from wrongturn_agents.errors import AgentsError
 from wrongturn_agents.models.gate import GateConfig
-from wrongturn_agents.onnx_agent import open_session
-from wrongturn_agents.registry import resolve
-from wrongturn_agents.results_file import TrialResult
-from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
-from wrongturn_agents.suites import WRONG_COMMAND
+from wrongturn_agents.onnx_agent import OnnxAgent, open_session
+from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import sha256
-from wrongturn_agents.training.method import find_method, load
+from wrongturn_agents.training.method import load
 from wrongturn_agents.training.methods.doubting.exporting import write_doubting
-from wrongturn_networks import NetworkError, load_suite
-from wrongturn_networks.draws import Draw, draw_cells
-from wrongturn_protocol import Trial, Weather
+from wrongturn_agents.training.methods.doubting.frames import CHUNK, examine
+from wrongturn_agents.training.world import HELD_OUT, towns_of
+from wrongturn_networks import load_suite
+from wrongturn_networks.drawn import build_towns
+from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Trial
+from wrongturn_protocol.observations import observation_space
+from wrongturn_sim import VEHICLE, Episode, JudgeGeometry
+from wrongturn_sim.camera import Camera
 
-FIGURES: Final = STUDIES / "doubting.json"
-"""Figures of the page, a dictionary for each draw."""
-_KEY: Final = ("algorithm", "variant", "gate", "seed", "town", "weather", "secret")
-_TOWNS: Final = ("Town01", "Town02")
-_GATES: Final = {
-    (): "the whole gate",
-    ("omission=false",): "replaces missing exits only",
-    ("infeasible=false",): "fills in missing commands only",
-    ("memory=false",): "without memory",
+FILE: Final = STUDIES / "doubting.json"
+SUITES: Final = {
+    "known": "wrong-command@3",
+    "unseen": "wrong-command-unseen@1",
+    "disturbed": "disturbed@1",
+    "extended": "wrong-command-extended@1",
 }
-Figures = dict[str, Any]
+CAMERAS: Final = {
+    "as it is": Camera(),
+    "2° up": Camera(pitch=-math.radians(2)),
+    "2° down": Camera(pitch=math.radians(2)),
+    "4° up": Camera(pitch=-math.radians(4)),
+    "4° down": Camera(pitch=math.radians(4)),
+    "0.6 m higher": Camera(up=Camera().up + 0.6),
+    "0.6 m lower": Camera(up=Camera().up - 0.6),
+    "focal length 20 % longer": Camera(focal=1.2 * Camera().focal),
+    "20 % shorter": Camera(focal=0.8 * Camera().focal),
+}
+"""Cameras with which pictures are examined."""
+NOISES: Final = (15.0, 30.0)
+_PICTURES: Final = 1024
+_ANSWERED: Final = {str(FaultKind.NONE), str(FaultKind.INFEASIBLE), str(FaultKind.OMISSION)}
+"""Faults that a doubt can see in the picture, and none."""
+_HANDED_OVER: Final = (0.0, 0.1, 0.25, 0.5)
+"""Shares of the episodes that somebody else takes over, those of the greatest doubt first."""
+Key = tuple[str, str, bool]
+"""Study, agent, and whether the gate was unheard."""
 
 
-def read(file: Path) -> list[Figures]:
-    """Return the figures of a file; none if there is no file."""
-    return list(json.loads(file.read_bytes())) if file.is_file() else []
+class Driven(NamedTuple):
+    """What became of one episode."""
+
+    cell: str
+    """Fault and dose; ``none`` for a twin."""
+    unsafe: bool
+    completed: bool
+    replaced: int
+    """Decisions in which a named direction became another one."""
+    doubt: float
+    """Doubt at the last decision before the stop line."""
 
 
-def keep(file: Path, figures: Figures) -> None:
-    """Put the figures of a draw into a file.
-
-    They take the place of those of the same drives, and of all that the same agent gave with another driver or another
-    file that doubts. Figures of other training seeds and of other gates stay, because those may be gone and cannot be
-    driven again; each says which driver it had.
-    """
-
-    def outdated(one: Figures) -> bool:
-        same = all(one[name] == figures[name] for name in _KEY[:4])
-        return same and any(one.get(name) != figures.get(name) for name in ("driver", "doubt"))
-
-    others = [one for one in read(file) if _key(one) != _key(figures) and not outdated(one)]
-    file.write_text(json.dumps(sorted([*others, figures], key=_key), indent=1) + "\n", "utf-8")
-
-
-def _key(figures: Figures) -> tuple[str, ...]:
-    return tuple(str(figures[name]) for name in _KEY)
-
-
-class StudiedAgent(NamedTuple):
-    """A doubting agent to study."""
-
-    known: Figures
-    """Its algorithm, training seed, variant, number of pictures, and the SHA-256 of the files that doubt and drive."""
-    drive: Callable[[Sequence[Trial]], Iterable[DrivenEpisode]]
-    """Drives trials."""
+def drive(gate: Path, drives: str, unheard: bool, trial: Trial) -> Driven:
+    """Drive a trial as a shipped agent behind a gate's file. ``unheard``, the gate looks on only."""
+    agent = _agent(gate, drives)
+    episode = Episode(trial, agent.track)
+    seen, replaced, doubt = episode.reset(), 0, 0.0
+    agent.reset(observation_space(agent.track))
+    assert isinstance(episode.geometry, JudgeGeometry)
+    while episode.outcome is None:
+        row = episode.trajectory.rows[-1]
+        before = episode.geometry.beside_approach(row.x, row.y)[0] + VEHICLE.half_length < 0.0
+        given = Command(int(seen["command"][0]))
+        obeyed = agent.question(seen)
+        action: Any = agent.driving.act(seen if unheard else {**seen, "command": obeyed})
+        replaced += given in DIRECTIONS and agent.obeyed in DIRECTIONS and agent.obeyed != given
+        doubt = agent.doubt or 0.0 if before else doubt
+        seen = episode.step(action.steer, action.throttle, action.brake).observation
+    fault, outcome = trial.fault, episode.outcome
+    cell = str(fault.kind) if fault.dose is None else f"{fault.kind} {fault.dose:g}"
+    return Driven(cell, outcome.unsafe_strict, outcome.completed, replaced, round(doubt, 4))
 
 
-def shipped(name: str) -> StudiedAgent:
-    """Return a shipped doubting agent, as it is."""
-    source, agent = resolve(name), DOUBTING_AGENTS[name]
-    said = open_session(agent.file).get_modelmeta().custom_metadata_map
-    variant = find_method(name).settings.of(json.loads(said["config"])).variant
-    known = _known(name, int(said["seed"]), variant, int(said["steps"]), agent.file)
-    return StudiedAgent(known, lambda trials: drive_in_process(source, trials, threads=threads()))
+@lru_cache(maxsize=2)
+def _agent(gate: Path, drives: str) -> DoubtingAgent:
+    return DoubtingAgent(open_session(gate), OnnxAgent(SHIPPED_AGENTS[drives].file))
 
 
-def trained(checkpoint: str, gate: GateConfig) -> StudiedAgent:
-    """Return the doubting agent of a checkpoint, behind a gate with these settings."""
-    loaded = load(checkpoint)
-    if loaded.agent.name not in DOUBTING_AGENTS:
-        raise TrainingError(f"checkpoint {checkpoint}: is of {loaded.agent.name}; name one of a doubting agent")
-    said = loaded.told
-    known = _known(said["algorithm"], said["seed"], loaded.settings.variant, said["steps"], Path(checkpoint))
+def drive_draw(study: str, secret: str, gate: Path, drives: str, *, unheard: bool) -> list[Driven]:
+    """Drive the episodes of a draw that have no other road users."""
+    suite = load_suite(SUITES[study])
+    build_towns(suite.drawn_towns(secret))
+    episodes = [one for one in suite.draw(secret).episodes if not (one.traffic.vehicles or one.traffic.pedestrians)]
+    with ProcessPoolExecutor(threads()) as pool:
+        return list(pool.map(partial(drive, gate, drives, unheard), episodes, chunksize=4))
 
-    def driven(trials: Sequence[Trial]) -> Iterable[DrivenEpisode]:
+
+def run(study: str, asked: str, secrets: Sequence[str], *, unheard: bool, options: Sequence[str]) -> None:
+    """Drive the draws of a study that are not kept, and keep those of a shipped agent."""
+    said = f"{study} {asked}{' unheard' * unheard}{''.join(f' {one}' for one in options)}"
+    if asked not in DOUBTING_AGENTS:
+        loaded = load(asked)
+        if loaded.agent.name not in DOUBTING_AGENTS:
+            raise TrainingError(f"agent: {asked} is of {loaded.agent.name}; name best.pt of a doubting agent")
         with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "agent.onnx"
-            write_doubting(loaded, file, gate=gate)
-            yield from drive_in_process(resolve(str(file)), trials, threads=threads())
+            gate = Path(folder) / "gate.onnx"
+            write_doubting(loaded, gate, "fp16", gate=gate_of(options), whole=False)
+            for secret in secrets:
+                found = drive_draw(study, secret, gate, DOUBTING_AGENTS[loaded.agent.name].drives, unheard=unheard)
+                print(f"{said}, {secret}: {counts(found)}", flush=True)
+        return
+    if options:
+        raise TrainingError(f"--gate: {asked} is shipped with its gate; name a checkpoint to change it")
+    agent, kept = DOUBTING_AGENTS[asked], read()
+    files = [sha256(file) for file in agent.files]
+    own: dict[str, Any] = kept.get((study, asked, unheard), {})
+    if own.get("files") != files:
+        own = {"files": files, "draws": {}}
+    for secret in secrets:
+        if secret not in own["draws"]:
+            own["draws"][secret] = drive_draw(study, secret, agent.file, agent.drives, unheard=unheard)
+            kept[study, asked, unheard] = own
+            lines = (json.dumps([*key, kept[key]], separators=(",", ":")) for key in sorted(kept))
+            FILE.write_text("[" + ",\n".join(lines) + "]\n", "utf-8")
+        print(f"{said}, {secret}: {counts([Driven(*one) for one in own['draws'][secret]])}", flush=True)
 
-    return StudiedAgent(known, driven)
 
-
-def _known(algorithm: str, seed: int, variant: str | None, pictures: int, doubt: Path) -> Figures:
-    driver = sha256(DOUBTING_AGENTS[algorithm].files[1])
-    return {"algorithm": algorithm, "seed": seed, "variant": variant, "pictures": pictures, "driver": driver,
-            "doubt": sha256(doubt)}  # fmt: skip
-
-
-def fresh_secrets(agent: StudiedAgent, count: int) -> list[str]:
-    """Return the secrets of an agent's own draws: the SHA-256 of what doubts and of the driver, and a number."""
-    return [f"{agent.known['doubt']} {agent.known['driver']} {number}" for number in range(1, count + 1)]
-
-
-def draw_in(town: str, weather: Weather, secret: str) -> Draw:
-    """Return a draw of the benchmark's cells, moved to a town and a weather."""
-    cells = [cell.model_copy(update={"town": town, "weather": weather}) for cell in load_suite(WRONG_COMMAND).cells]
-    return draw_cells(f"study in {town}", cells, secret)
+def examine_pictures(checkpoint: str) -> None:
+    """Print what a checkpoint tells of pictures of towns that it never saw, by each camera and with noise."""
+    model: Any = load(checkpoint).model
+    towns = towns_of(HELD_OUT)
+    looks = [(name, camera, 0.0) for name, camera in CAMERAS.items()]
+    for name, camera, noise in (*looks, *((f"noise of {noise:g}", Camera(), noise) for noise in NOISES)):
+        found = examine(model, towns, pictures=_PICTURES, threads=threads(), cameras=[camera] * CHUNK, noise=noise)
+        print(f"{name}: all exits right {found['approaches']:.2f}, distance {found['distance']:.1f} m", flush=True)
 
 
 def gate_of(options: Sequence[str]) -> GateConfig:
@@ -137,138 +169,116 @@ def gate_of(options: Sequence[str]) -> GateConfig:
             is_bool = isinstance(getattr(GateConfig(), name), bool)
             changed[name] = {"true": True, "false": False}[text] if is_bool else float(text)
         except (AttributeError, KeyError, ValueError) as error:
-            fields = ", ".join(field.name for field in dataclasses.fields(GateConfig))
-            raise TrainingError(f"--gate: {name}={text}: give name=value, with one of {fields}") from error
-    return dataclasses.replace(GateConfig(), **changed)
+            known = ", ".join(field.name for field in fields(GateConfig))
+            raise TrainingError(f"--gate: {name}={text}: give name=value, with one of {known}") from error
+    return replace(GateConfig(), **changed)
 
 
-def summary(driven: Sequence[DrivenEpisode]) -> Figures:
-    """Return the figures of a draw that was driven."""
-    found = [(one.trial, TrialResult.of(one.outcome)) for one in driven if one.outcome is not None]
-    faulted = [(trial, result) for trial, result in found if not trial.is_twin]
-    twins = [(trial, result) for trial, result in found if trial.is_twin]
-    unsafe = [(trial, result) for trial, result in faulted if result.unsafe_strict]
-    lost = [(trial, result) for trial, result in twins if not result.completed]
-    reactions = Counter(f"{trial.fault.kind} {result.reaction}" for trial, result in faulted if result.reaction)
-    return {
-        "unsafe_strict": len(unsafe),
-        "trials": len(faulted),
-        "twins_completed": len(twins) - len(lost),
-        "twins": len(twins),
-        "reactions": dict(sorted(reactions.items())),
-        "verdicts": dict(sorted(Counter(str(result.verdict) for _, result in faulted).items())),
-        "failed": [
-            f"{trial.id} ({trial.junction_type}, route {trial.route.name}): {result.verdict}"
-            for trial, result in (*unsafe, *lost)
-        ],
-    }
+def read() -> dict[Key, Any]:
+    """Return what is kept."""
+    rows = json.loads(FILE.read_bytes()) if FILE.is_file() else []
+    return {(study, agent, unheard): found for study, agent, unheard, found in rows}
 
 
-def run(asked: argparse.Namespace, file: Path = FIGURES) -> None:
-    """Drive all draws that were asked for, and print and keep their figures as they come."""
-    torch.set_num_threads(threads())
-    if asked.agent in DOUBTING_AGENTS and asked.gate:
-        raise TrainingError("--gate: a shipped agent has its gate; name a checkpoint to change it")
-    agent = shipped(asked.agent) if asked.agent in DOUBTING_AGENTS else trained(asked.agent, gate_of(asked.gate))
-    fresh = fresh_secrets(agent, asked.draws)
-    known = {_key(one) for one in read(file)}
-    for town in asked.town or ["Town01"]:
-        for secret in [*(asked.secret or ([] if fresh else [WRONG_COMMAND])), *fresh]:
-            drawn = {
-                **agent.known,
-                "gate": sorted(asked.gate),
-                "town": town,
-                "weather": asked.weather,
-                "secret": secret,
-            }
-            drawn["fresh"] = secret in fresh
-            if secret in fresh and _key(drawn) in known:
-                continue
-            begin = time.monotonic()
-            trials = draw_in(town, Weather(asked.weather), secret).episodes
-            figures = summary(list(agent.drive(trials)))
-            if asked.keep:
-                keep(file, {**drawn, **figures})
-            print(
-                f"{drawn['algorithm']} {drawn['seed']} {town} {asked.weather} {secret} {' '.join(asked.gate)}: "
-                f"unsafe {figures['unsafe_strict']} of {figures['trials']}, twins {figures['twins_completed']} of "
-                f"{figures['twins']}, {time.monotonic() - begin:.0f} s",
-                *figures["failed"],
-                sep="\n    ",
-                flush=True,
-            )
+def episodes_of(study: str, name: str, *, unheard: bool = False) -> list[Driven]:
+    """Return all episodes of an agent that are kept of a study, whatever the draw."""
+    found = read().get((study, name, unheard), {"draws": {}})
+    return [Driven(*one) for draw in found["draws"].values() for one in draw]
 
 
-def _fresh(figures: Sequence[Figures]) -> Table:
-    """Return the draws from secrets of the agent's own."""
-    kinds: dict[tuple[Any, ...], list[Figures]] = {}
-    for one in figures:
-        if _plain(one) and one.get("fresh"):
-            kinds.setdefault((one["algorithm"], one["seed"], one["town"], one["weather"]), []).append(one)
-    rows = []
-    for (name, seed, town, weather), own in sorted(kinds.items()):
-        cells = [f"`{name}`", str(seed), town, weather, str(len(own))]
-        for what, of in (("unsafe_strict", "trials"), ("twins_completed", "twins")):
-            cells += [_each(own, what), f"{sum(one[what] for one in own)} of {sum(one[of] for one in own)}"]
-        rows.append(tuple(cells))
-    head = ["agent", "seed", "town", "weather", "draws", "unsafe of 60 in each", "in all", "twins of 60 in each",
-            "in all"]  # fmt: skip
-    return _table(head, rows)
+def counts(driven: Sequence[Driven]) -> str:
+    """Return in words how episodes ended."""
+    faulted = [one for one in driven if one.cell != FaultKind.NONE]
+    twins = [one for one in driven if one.cell == FaultKind.NONE]
+    return (
+        f"unsafe {sum(one.unsafe for one in faulted)} of {len(faulted)}, twins {sum(one.completed for one in twins)} "
+        f"of {len(twins)}, false alarms in {sum(one.replaced > 0 for one in twins)}"
+    )
 
 
-def _ablation(figures: Sequence[Figures]) -> Table:
-    """Return the agents of which a part was taken away, on the open draw, with the whole agents."""
-    found: dict[tuple[Any, ...], dict[str, Figures]] = {}
-    for one in figures:
-        if one["secret"] == WRONG_COMMAND and one["weather"] == "ClearNoon":
-            kind = (one["algorithm"], one["seed"], one["variant"] or "", tuple(one["gate"]), one["driver"])
-            found.setdefault(kind, {})[one["town"]] = one
-    ablated = {kind[:2] for kind in found if kind[2] or kind[3]}
-    rows = []
-    for kind, by_town in sorted(found.items(), key=lambda item: item[0]):
-        name, seed, variant, gate, driver = kind
-        if kind[:2] in ablated:
-            what = _GATES.get(gate, ", ".join(gate)) + (f", {variant.replace('-', ' ')}" if variant else "")
-            cells = [f"`{name}`", str(seed), f"`{driver[:8]}`", what]
-            for own in map(by_town.get, _TOWNS):
-                cells += [str(own["unsafe_strict"]), str(own["twins_completed"])] if own else ["–", "–"]
-            rows.append(tuple(cells))
-    return _table(["agent", "seed", "driver", "gate", "Town01: unsafe", "twins", "Town02: unsafe", "twins"], rows)
+def unseen_table() -> Table:
+    """Return what the agents do in towns that nobody has seen, and how often they replace a right command."""
+    rows: list[Row] = []
+    for name, agent in DOUBTING_AGENTS.items():
+        for unheard in (False, True):
+            driven = episodes_of("unseen", name, unheard=unheard)
+            faulted = [one for one in driven if one.cell != FaultKind.NONE]
+            twins = [one for one in driven if one.cell == FaultKind.NONE]
+            if driven:
+                alarms = "–" if unheard else f"{sum(one.replaced > 0 for one in twins)} of {len(twins)}"
+                rows.append(
+                    (
+                        f"`{agent.drives}` behind it" if unheard else f"`{name}`",
+                        f"{sum(one.unsafe for one in faulted)} of {len(faulted)}",
+                        f"{sum(one.completed for one in twins)} of {len(twins)}",
+                        alarms,
+                    )
+                )
+    head = ("agent", "unsafe, strict", "twins completed", "twins with a right direction replaced")
+    return Table("Doubting agents in unseen towns", head, rows, words=1)
 
 
-TABLES: Final[dict[str, Callable[[Sequence[Figures]], Table]]] = {"fresh": _fresh, "ablation": _ablation}
+def doubt_table() -> Table:
+    """Return what the doubt is worth: unheard, it looks on while the driving agent obeys."""
+    rows: list[Row] = []
+    for name in DOUBTING_AGENTS:
+        for study in ("unseen", "extended"):
+            driven = [one for one in episodes_of(study, name, unheard=True) if one.cell in _ANSWERED]
+            if driven:
+                doubts = np.array([one.doubt for one in driven])
+                wrong = np.array([one.cell != FaultKind.NONE for one in driven])
+                unsafe = np.array([one.unsafe for one in driven])
+                risks = (f"{100 * share:.1f} %" for share in risk(doubts, unsafe, _HANDED_OVER))
+                rows.append(
+                    (
+                        f"`{name}`",
+                        f"`{SUITES[study]}`",
+                        str(len(driven)),
+                        f"{auroc(doubts, wrong):.3f}",
+                        f"{((doubts - wrong) ** 2).mean():.3f}",
+                        *risks,
+                    )
+                )
+    head = ("doubt of", "suite", "episodes", "AUROC", "Brier score",
+            *(f"unsafe, {100 * share:.0f} % handed over" for share in _HANDED_OVER))  # fmt: skip
+    return Table("What doubt is worth", head, rows, words=2)
+
+
+def auroc(scores: Any, positive: Any) -> float:
+    """Return the area under the ROC curve: how often a positive has the greater score than a negative."""
+    from scipy.stats import mannwhitneyu  # scipy.stats takes a second
+
+    statistic = mannwhitneyu(scores[positive], scores[~positive]).statistic
+    return float(statistic / (positive.sum() * (~positive).sum()))
+
+
+def risk(doubts: Any, unsafe: Any, shares: Iterable[float]) -> list[float]:
+    """Return the unsafe share of the episodes that are left, when shares of them are handed over."""
+    ordered = unsafe[np.argsort(doubts, kind="stable")]
+    return [float(ordered[: round(len(ordered) * (1.0 - share))].mean()) for share in shares]
+
+
+TABLES: Final = {"unseen": unseen_table, "doubt": doubt_table}
 """What makes the tables of ``docs/doubting.md``, by name."""
-
-
-def _plain(one: Figures) -> bool:
-    return not one["gate"] and one["variant"] is None
-
-
-def _each(figures: Iterable[Figures], name: str) -> str:
-    """Return a count of each draw, and how often it came: ``0 (9 times), 1``."""
-    found = Counter(one[name] for one in figures)
-    return ", ".join(f"{value} ({times} times)" if times > 1 else str(value) for value, times in sorted(found.items()))
-
-
-def _table(head: Sequence[str], rows: Sequence[tuple[str, ...]]) -> Table:
-    return Table("Doubting agents", tuple(head), rows, words=len(head))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the program; an error is one line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("study", choices=(*SUITES, "pictures"))
     parser.add_argument("agent", help="doubting, doubting-segmentation, or best.pt of 'wrongturn train doubting'")
-    parser.add_argument("--town", action="append", help="town of the trials; Town01 by default")
-    parser.add_argument("--weather", default=str(Weather.CLEAR_NOON), choices=[*map(str, Weather)])
-    parser.add_argument("--secret", action="append", help="secret of a draw; that of the open draw by default")
-    parser.add_argument("--draws", type=int, default=0, metavar="N", help="N draws from secrets of the agent's own")
-    parser.add_argument("--gate", action="append", default=[], metavar="NAME=VALUE", help="setting of the gate")
-    parser.add_argument("--keep", action="store_true", help="keep the figures for docs/doubting.md")
+    parser.add_argument("--secrets", type=int, default=1, metavar="N", help="drive N draws; 1 by default")
+    parser.add_argument("--unheard", action="store_true", help="the gate looks on, and the driving agent obeys")
+    parser.add_argument("--gate", action="append", default=[], metavar="NAME=VALUE", help="setting of a gate")
+    asked = parser.parse_args(arguments)
+    secrets = [f"doubts {number}" for number in range(1, asked.secrets + 1)]
     try:
-        run(parser.parse_args(arguments))
-    except (AgentsError, NetworkError, TrainingError, OSError) as error:
-        print(f"lab.doubting: {error}", file=sys.stderr)
-        raise SystemExit(1) from error
+        if asked.study == "pictures":
+            examine_pictures(asked.agent)
+            return
+        run(asked.study, asked.agent, secrets, unheard=asked.unheard, options=asked.gate)
+    except (AgentsError, TrainingError, OSError) as error:
+        raise SystemExit(f"lab.doubting: {error}") from error
 
 
 if __name__ == "__main__":

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from statistics import fmean
 from typing import Any
 
-from lab.studies import read, read_evaluations
-from lab.tables import Row, Table, count_unsafe, total
+from lab.studies import read
+from lab.tables import Row, Table, total
 from wrongturn_agents.stored_results import table_order
 from wrongturn_judge.intervals import exact_test
 from wrongturn_protocol.intervals import LEVEL, RANK_LEVEL, Marks, interval, wilson
@@ -15,11 +15,9 @@ _IN_CELL = 10  # trials in each cell of a draw
 
 
 def draws() -> dict[str, list[Marks]]:
-    """Return the unsafe trials of agents in each of their draws: those of the study, and evaluations on fresh draws."""
-    found = {name: [_marks(draw) for draw in agent["draws"].values()] for name, agent in read("draws").items()}
-    for one in read_evaluations():
-        found.setdefault(one.agent, []).append(count_unsafe(one).marks["strict"])
-    return {name: found[name] for name in sorted(found, key=table_order)}
+    """Return the unsafe trials of agents in each of their draws."""
+    found = read("draws")
+    return {name: [_marks(draw) for draw in found[name]["draws"].values()] for name in sorted(found, key=table_order)}
 
 
 def _failing() -> dict[str, list[Marks]]:

@@ -37,7 +37,6 @@ Sections = dict[str, Callable[[], tables.Table | str]]
 def sections(collection: Collection) -> Sections:
     """Return what makes each section of the pages, by its name."""
     runs = curves.read_curves()
-    figures = doubting.read(doubting.FIGURES)
     return {
         "summary": partial(unseen.summary_table, collection),
         "unseen": unseen.unseen_table,
@@ -55,13 +54,12 @@ def sections(collection: Collection) -> Sections:
         "draws": studies.draws_table,
         "redraws": redraws.coverage_table,
         "separation": redraws.separation_table,
-        "evaluations": studies.evaluations_table,
         "failures": films.ways_table,
         "collisions": films.collisions_table,
         "training": partial(curves.training_table, runs),
         "imitation": partial(curves.imitation_table, runs),
         "time": partial(curves.time_table, runs),
-        **{f"doubting-{name}": partial(make, figures) for name, make in doubting.TABLES.items()},
+        **{f"doubting-{name}": make for name, make in doubting.TABLES.items()},
         **{name: partial(_picture, picture) for name, picture in curves.PICTURES.items()},
     }
 

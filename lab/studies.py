@@ -1,47 +1,37 @@
-"""How firm the figures are: other thresholds, other draws, and several evaluations over the service.
+"""How firm the figures are: other thresholds and other draws.
 
     python -m lab.studies thresholds                      # drive the agents on, and judge by other thresholds
     python -m lab.studies draws 10 --agent careful        # drive ten draws
-    python -m lab.studies evaluations 10 --agent doubting # over a service each, on a fresh draw
 
 What is stored of the same weights is not driven again, so an interrupted run goes on where it stopped. The results are
 JSON in ``lab/stored/studies``; their tables need no driving.
 """
 
 import argparse
-import contextlib
 import dataclasses
 import hashlib
 import json
 import os
-import sys
-import tempfile
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from statistics import fmean, variance
 from typing import Any, Final
 
 from lab.curves import LAB
 from lab.in_process import drive_in_process
 from lab.stored_results import StoredResults
-from lab.tables import Row, Table, count_unsafe, label
-from wrongturn_agents.errors import AgentsError, RunFileError
-from wrongturn_agents.evaluation_run import RunOptions, evaluate
+from lab.tables import Row, Table
+from wrongturn_agents.errors import AgentsError
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.records.evaluation_record import check_suite
-from wrongturn_agents.registry import AGENTS, GROUP, AgentSource, resolve, with_absolute_file
+from wrongturn_agents.registry import AGENTS, GROUP, resolve
 from wrongturn_agents.results_file import TrialResult
-from wrongturn_agents.saved_run import SavedRun, checksums
-from wrongturn_agents.saved_run import directory as saved_runs
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
-from wrongturn_agents.stored_results import STORED, shipped_seeds, table_order
+from wrongturn_agents.stored_results import table_order
 from wrongturn_agents.suites import WRONG_COMMAND
 from wrongturn_client.plugins import entry_points
 from wrongturn_judge import THRESHOLDS, Thresholds, judge_of
 from wrongturn_networks import load_suite, town_of
-from wrongturn_protocol import FaultKind, RunFile, Trial
-from wrongturn_protocol.intervals import wilson
+from wrongturn_protocol import RunFile, Trial
 from wrongturn_sim import JudgeGeometry, Trajectory
 
 STUDIES: Final = LAB / "studies"
@@ -251,35 +241,6 @@ def _spread_of_draws(by_secret: Mapping[str, Any]) -> Row:
     return (", ".join(map(str, counts)), f"{fmean(counts):.1f}", f"{found:.1f}", f"{binomial:.1f}", *test)
 
 
-class Evaluation(StoredResults):
-    """One of several evaluations of an agent over the service, with all its trials and twins."""
-
-    number: int
-    """Which of the agent's evaluations it is, from 1 on."""
-    evaluation: str
-    """Id of the evaluation, as its service gave it."""
-    code: dict[str, str]
-    """SHA-256 of the files that drove, by name: weights, or the agent's code."""
-
-    @property
-    def stem(self) -> str:
-        """File name without extension."""
-        return f"{super().stem}.{self.number}"
-
-
-def read_evaluations(folder: Path = STUDIES / "evaluations") -> list[Evaluation]:
-    """Return the stored evaluations, checked, by agent and number."""
-    found = [Evaluation.read(path) for path in folder.glob("*.json")]
-    for one in found:
-        one.check(one.stem)
-    return sorted(found, key=lambda one: (table_order(one.agent), one.number))
-
-
-def code_of(source: AgentSource) -> dict[str, str]:
-    """Return the SHA-256 of the files that drive, by name."""
-    return {Path(file).name: found for file, found in checksums(source.code).items()}
-
-
 def results_of_run(run: RunFile, agent: str | None = None) -> StoredResults:
     """Return what is stored of a finished evaluation; its agent's name is the leaderboard's by default."""
     check_suite(run.suite, run.suite_sha256)
@@ -294,101 +255,18 @@ def results_of_run(run: RunFile, agent: str | None = None) -> StoredResults:
     )
 
 
-def make_evaluations(count: int, agents: Sequence[str], folder: Path = STUDIES / "evaluations") -> None:
-    """Drive a number of evaluations of each agent, each over a service and a database of its own.
-
-    Those of other weights are removed first. The first evaluation is the agent's row in the tables too.
-    """
-    seeds = shipped_seeds()
-    for agent in agents:
-        source, known = resolve(agent), set()
-        for one in (one for one in read_evaluations(folder) if one.agent == source.name):
-            if one.code == code_of(source):
-                known.add(one.number)
-            else:
-                print(f"{one.stem}: {source.name} has other files now; the evaluation is removed", file=sys.stderr)
-                (folder / f"{one.stem}.json").unlink()
-        for number in sorted(set(range(1, count + 1)) - known):
-            run = _driven(agent, source, f"{source.name} {number}")
-            results = results_of_run(run, source.name).model_copy(update={"seed": seeds.get(source.name)})
-            made = Evaluation(**dict(results), number=number, evaluation=run.id, code=code_of(source))
-            made.check(made.stem)
-            made.write(folder)
-            if number == 1:
-                results.write(STORED)
-
-
-def _driven(agent: str, source: AgentSource, shown: str) -> RunFile:
-    """Drive an evaluation from where it is, under a name that tells it from other runs, and return its run."""
-    same = (with_absolute_file(agent), shown, WRONG_COMMAND, None, checksums(source.code))
-    interrupted = next((run for run in _runs() if (run.agent, run.name, run.suite, run.url, run.code) == same), None)
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "run.json.gz"
-        if interrupted is None:
-            options = RunOptions(agent, WRONG_COMMAND, name=shown, json_file=file)
-        else:
-            options = RunOptions(agent, resume=interrupted.evaluation, json_file=file)
-        done = evaluate(options)
-        if done.unsaved is not None:
-            raise done.unsaved
-        return RunFile.read(file)
-
-
-def _runs() -> Iterator[SavedRun]:
-    for file in sorted(saved_runs().glob("*.json")):
-        with contextlib.suppress(RunFileError):
-            yield SavedRun.load(str(file))
-
-
-def evaluations_table() -> Table:
-    """Return how all evaluations of each agent ended."""
-    by_agent: dict[str, list[Evaluation]] = {}
-    for one in read_evaluations():
-        by_agent.setdefault(one.agent, []).append(one)
-    rows: list[Row] = []
-    for agent, own in by_agent.items():
-        strict, unsafe, done, trials, twins = (
-            sum(getattr(count_unsafe(one), name) for one in own)
-            for name in ("unsafe_strict", "unsafe", "completed", "trials", "twins")
-        )
-        shares = (_share(strict, trials), _share(unsafe, trials), _share(done, twins))
-        rows.append((label(agent), str(len(own)), *_reactions(own), *shares))
-    head = ("agent", "evaluations", "infeasible: reactions", "omission: reactions", "unsafe, strict",
-            "the paper's column", "twins completed")  # fmt: skip
-    note = "Evaluations over the service, each on a draw of its own, with Wilson's 95 % interval of the rate."
-    return Table("Evaluations on fresh draws", head, rows, note if rows else "", words=4)
-
-
-def _share(count: int, of: int) -> str:
-    low, high = (100 * bound for bound in wilson(count, of))
-    return f"{count} of {of} ({low:.1f}–{high:.1f} %)"
-
-
-def _reactions(evaluations: Sequence[Evaluation]) -> list[str]:
-    """Return the reactions to each fault in words, the most frequent first."""
-    found = {fault: Counter[str]() for fault in (FaultKind.INFEASIBLE, FaultKind.OMISSION)}
-    for one in evaluations:
-        drawn = one.drawn.trials
-        for name, result in one.trials.items():
-            if result.reaction is not None:
-                found[drawn[name].fault.kind][result.reaction] += 1
-    return [", ".join(f"{kind} {count}" for kind, count in one.most_common()) for one in found.values()]
-
-
 def main() -> None:
     """Run the program; an error is one line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("study", choices=("thresholds", "draws", "evaluations"))
-    parser.add_argument("count", type=int, nargs="?", default=10, help="draws or evaluations; 10 by default")
+    parser.add_argument("study", choices=("thresholds", "draws"))
+    parser.add_argument("count", type=int, nargs="?", default=10, help="draws; 10 by default")
     parser.add_argument("--agent", action="append", default=[], help="give it again for another")
     asked = parser.parse_args()
     try:
         if asked.study == "thresholds":
             make_thresholds(asked.agent)
-        elif asked.study == "draws":
-            make_draws(asked.count, asked.agent)
         else:
-            make_evaluations(asked.count, asked.agent)
+            make_draws(asked.count, asked.agent)
     except (AgentsError, OSError) as error:
         raise SystemExit(f"lab.studies: {error}") from error
 

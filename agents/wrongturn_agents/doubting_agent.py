@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wrongturn_agents.onnx_agent import OnnxAgent
 from wrongturn_protocol import ActionLike, Track
-from wrongturn_protocol.model_contract import STATE_IN, STATE_OUT
+from wrongturn_protocol.model_contract import DOUBT, STATE_IN, STATE_OUT
 from wrongturn_protocol.observations import Observation
 
 OBEYED: Final = "obeyed_command"
@@ -28,7 +28,8 @@ class DoubtingAgent:
 
     def __init__(self, doubt: Any, driving: OnnxAgent) -> None:
         self._doubt = doubt
-        self._driving = driving
+        self.driving = driving
+        """The agent that drives."""
         said: dict[str, str] = doubt.get_modelmeta().custom_metadata_map
         self.name: str = said["name"]
         self.track: Track = driving.track
@@ -38,15 +39,22 @@ class DoubtingAgent:
         self._memory = self._nothing
         self.obeyed: int | None = None
         """Number of the command that the driving agent got at the last step; None before the first."""
+        self.doubt: float | None = None
+        """Probability that the last command was wrong, as :attr:`OnnxAgent.doubt`."""
 
     def reset(self, observation_space: spaces.Space[Any]) -> None:
         """Forget the last episode."""
-        self._memory, self.obeyed = self._nothing, None
-        self._driving.reset(observation_space)
+        self._memory, self.obeyed, self.doubt = self._nothing, None, None
+        self.driving.reset(observation_space)
 
     def act(self, observation: Observation) -> ActionLike:
         """Return the driving agent's action under the command that the road offers."""
+        return self.driving.act({**observation, "command": self.question(observation)})
+
+    def question(self, observation: Observation) -> NDArray[np.int64]:
+        """Return the command that the road offers, (1,), and remember the doubt."""
         feed = {name: np.asarray(observation[name])[None] for name in self._inputs}
-        command, self._memory = self._doubt.run([OBEYED, STATE_OUT], {**feed, STATE_IN: self._memory})
-        self.obeyed = int(command[0, 0])
-        return self._driving.act({**observation, "command": command[0]})
+        command, self._memory, doubt = self._doubt.run([OBEYED, STATE_OUT, DOUBT], {**feed, STATE_IN: self._memory})
+        self.obeyed, self.doubt = int(command[0, 0]), float(doubt[0, 0])
+        found: NDArray[np.int64] = command[0]
+        return found

@@ -24,7 +24,7 @@ from wrongturn_protocol import (
     contract_of,
 )
 from wrongturn_protocol.installing import install
-from wrongturn_protocol.model_contract import check_opset
+from wrongturn_protocol.model_contract import DOUBT, check_opset
 from wrongturn_protocol.observations import Observation
 from wrongturn_protocol.onnx_file import opset_of, signature_of
 
@@ -54,10 +54,12 @@ class OnnxAgent:
         self.memoryless: bool = self.contract.state_shape is None
         """Whether :meth:`act` depends on the observation alone, so that several threads may call it at once."""
         self._state: NDArray[Any] | None = None
+        self.doubt: float | None = None
+        """Probability that the last command was wrong, of a model with an output ``doubt``; None before the first."""
 
     def reset(self, observation_space: spaces.Space[Any]) -> None:  # noqa: ARG002 - of the interface
         """Forget the last episode. A model with a memory starts from zeros again."""
-        self._state = None
+        self._state, self.doubt = None, None
 
     def act(self, observation: Observation) -> ActionLike:
         """Return the model's action, in its rig's kind.
@@ -65,7 +67,7 @@ class OnnxAgent:
         Raises:
             ModelFileError: The model fails on the observation, or its action has another shape or is not finite.
         """
-        names = list(self.contract.outputs)
+        names = [*self.contract.outputs, *([DOUBT] if self.contract.doubts else [])]
         try:
             given = self._session.run(names, self.contract.feed(observation, self._state))
         except Exception as error:
@@ -75,6 +77,7 @@ class OnnxAgent:
             action = self.contract.action(outputs)
             if not self.memoryless:
                 self._state = self.contract.state(outputs)
+            self.doubt = self.contract.doubt(outputs)
         except ContractError as error:
             raise ModelFileError(f"{self._file}: {error}") from error
         return action

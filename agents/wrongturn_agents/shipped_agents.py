@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 from wrongturn_agents.agent import Agent
 from wrongturn_agents.doubting_agent import DoubtingAgent
@@ -79,8 +79,11 @@ class ShippedAgent:
                 f"('{program()} run {self.name}.onnx')"
             )
         try:
+            if not self.drives:
+                return OnnxAgent(self.file)
             # Copies share the loaded files, so many cars cost no more memory than one.
-            return copy(_loaded(self.file, self.drives)) if self.drives else OnnxAgent(self.file)
+            doubt, driving = _loaded(self.file, self.drives)
+            return DoubtingAgent(doubt, copy(driving))
         except OnnxRuntimeMissingError:
             raise OnnxRuntimeMissingError(
                 f"agent: {self.name} needs onnxruntime; install it with: {install('wrongturn-agents[onnx]')}"
@@ -92,8 +95,8 @@ class ShippedAgent:
 
 
 @lru_cache(maxsize=8)
-def _loaded(file: Path, drives: str) -> DoubtingAgent:
-    return DoubtingAgent(open_session(file), OnnxAgent(SHIPPED_AGENTS[drives].file))
+def _loaded(file: Path, drives: str) -> tuple[Any, OnnxAgent]:
+    return open_session(file), OnnxAgent(SHIPPED_AGENTS[drives].file)
 
 
 SHIPPED_AGENTS: Final = MappingProxyType(
@@ -141,7 +144,7 @@ DOUBTING_AGENTS: Final = MappingProxyType(
             drives,
         )
         for name, drives, sees in (
-            ("doubting", "ppo-image", "picture"),
+            ("doubting", "lbc", "picture"),
             ("doubting-segmentation", "ppo-segmentation", "segmentation"),
         )
     }

@@ -29,6 +29,8 @@ STATE_IN: Final = "state_in"
 """Input with what the model remembered at the step before; zeros at the start of an episode."""
 STATE_OUT: Final = "state_out"
 """Output with what the model wants to remember."""
+DOUBT: Final = "doubt"
+"""Output (N, 1) with the probability that the command is wrong. It changes nothing: it is for studies of doubt."""
 MAX_STATE_BYTES: Final = 1 << 20
 """Most bytes of a state."""
 OPSETS: Final = (7, 26)
@@ -92,6 +94,8 @@ class ModelContract:
     """Whether its metadata says that the agent met wrong commands in its training."""
     rig: Rig | None = None
     """The rig that its metadata declares; None: what its track shows."""
+    doubts: bool = False
+    """Whether it has an output ``doubt``."""
 
     @property
     def sight(self) -> Sight:
@@ -126,6 +130,14 @@ class ModelContract:
         if kind == "increments":
             return np.clip((steer, *pedals), (-2.0, 0.0, 0.0), (2.0, 1.0, 1.0))
         return Action(*np.clip((steer, *pedals), (-1.0, 0.0, 0.0), 1.0).tolist())
+
+    def doubt(self, outputs: Mapping[str, NDArray[Any]]) -> float | None:
+        """Return the probability that the command is wrong, kept from 0 to 1; None for a model without the output.
+
+        Raises:
+            ContractError: It is missing, is no number, has another shape, or is not finite.
+        """
+        return min(max(*_values(outputs, DOUBT), 0.0), 1.0) if self.doubts else None
 
     def state(self, outputs: Mapping[str, NDArray[Any]]) -> NDArray[Any] | None:
         """Return what the model wants to remember for the next step; None for a model without a memory.
@@ -189,6 +201,7 @@ def contract_of(
         wrong += [message for name in controls for message in _wrong_control(outputs[name])]
         if not controls:
             wrong.append(f"outputs: {_listed(outputs) or 'none'}; the contract wants {_WAYS}")
+    wrong += _wrong_control(outputs[DOUBT]) if DOUBT in outputs else ()
     wrong += _wrong_state(inputs.get(STATE_IN), outputs.get(STATE_OUT))
     said = signature.metadata.get("trained_on_faults", "false")
     if said.lower() not in {"true", "false"}:
@@ -203,6 +216,7 @@ def contract_of(
         state_shape=None if state is None else (1, *_static(state.shape)),
         trained_on_faults=said.lower() == "true",
         rig=rig,
+        doubts=DOUBT in outputs,
     )
 
 

@@ -101,6 +101,12 @@ def test_a_model_without_a_memory():
     assert set(contract.feed(observation_space(Track.CAMERA).sample())) == {"speed", "rgb"}
 
 
+def test_a_doubt_is_a_probability_beside_the_action():
+    contract = contract_of(signature(outputs=(STEER, ACCELERATE, control("doubt"))))
+    assert (contract.outputs, contract.doubt(values(doubt=1.5))) == (("steer", "accelerate"), 1.0)
+    assert contract_of(signature()).doubt({}) is None
+
+
 def test_opsets_at_the_ends_of_the_range_and_undeclared_shapes_are_accepted():
     for opset in OPSETS:
         assert contract_of(signature(opset=opset)).track is Track.CAMERA
@@ -181,6 +187,10 @@ BREACHES = [
     (
         signature(outputs=(control("action", (1, 2)),)),
         "output action: is (1, 2); let it be (N, 3), where N is the batch axis",
+    ),
+    (
+        signature(outputs=(STEER, ACCELERATE, control("doubt", (1, 3)))),
+        "output doubt: is (1, 3); let it be (N, 1), where N is the batch axis",
     ),
     (signature((SPEED, STATE_IN)), "state_in: there is no output state_out; a model with a memory has both"),
     (

@@ -7,6 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from wrongturn_agents.models.augmentation import Augmentation
+from wrongturn_agents.models.encoders import MaskedClasses
 from wrongturn_agents.models.inputs import Observation, encoding_dtype, planes, wanted
 from wrongturn_protocol.segmentation import SegmentationClass
 
@@ -14,6 +15,8 @@ FARTHEST: Final = 40.0
 """Distances to a stop line are told up to this, metres."""
 MARKS: Final = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 18.0, 20.0, 23.0, 26.0, 30.0, 35.0)
 """The network tells of each of these distances, metres, whether the stop line is farther."""
+LINE: Final = 6.0
+"""Nearer to the stop line than this, metres, a car without a direction has missed its command. One of the marks."""
 _WIDTHS: Final = (24, 48, 64, 96)
 _HIDDEN: Final = 192
 
@@ -33,10 +36,11 @@ class Doubt(nn.Module):
     steps: Tensor
     classes: Tensor
 
-    def __init__(self, key: str) -> None:
+    def __init__(self, key: str, *, augment: bool = True, masked_classes: float = 0.0) -> None:
         super().__init__()
         self.key = key
-        self.augmentation = Augmentation()
+        self.augmentation = Augmentation() if augment else None
+        self.mask = MaskedClasses(masked_classes)
         layers: list[nn.Module] = []
         channels, kernel = 3 if key == "rgb" else len(_PLANES), 5
         for width in _WIDTHS:
@@ -68,10 +72,22 @@ class Doubt(nn.Module):
         both: Tensor = self.head(self.convolutions(seen)).float()
         return both[:, :3], both[:, 3:]
 
+    def disturb(self, observation: Observation) -> Observation:
+        """Change pictures at random, so that the network learns what does not depend on the changes."""
+        if self.key == "segmentation":
+            return {**observation, "segmentation": self.mask(wanted(observation, "segmentation"))}
+        return (
+            observation if self.augmentation is None else {**observation, "rgb": self.augmentation(observation["rgb"])}
+        )
+
+    def metres(self, beyond: Tensor) -> Tensor:
+        """Return the expected distance to the stop line (B, 1), metres, of the logits of the marks."""
+        return (torch.sigmoid(beyond) * self.steps).sum(1, keepdim=True)
+
     def tell(self, observation: Observation) -> tuple[Tensor, Tensor]:
         """Return logits of the exits (B, 3), and the expected distance to the stop line (B, 1), metres."""
         exits, beyond = self(observation)
-        return exits, (torch.sigmoid(beyond) * self.steps).sum(1, keepdim=True)
+        return exits, self.metres(beyond)
 
     def loss(self, observation: Observation, distance: Tensor, exits: Tensor, shown: Tensor) -> tuple[Tensor, Tensor]:
         """Return the mean cross-entropies of exits, (B, 3) of 0 and 1, where ``shown`` (B,) is 1, and of marks."""

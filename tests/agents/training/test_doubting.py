@@ -19,7 +19,7 @@ pytest.importorskip("onnxruntime")
 
 from wrongturn_agents import resolve
 from wrongturn_agents.models.gate import MEMORY, Gate
-from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
+from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import export
 from wrongturn_agents.training.method import load
@@ -36,25 +36,18 @@ OPTIONS = ("batch_size=64", "learning_rate=2e-3", "warm_up=10", "average=0.95", 
 NAME = "doubting-segmentation"
 
 
-def trained(folder: Path, pictures: int, *options: str, **more: Any) -> Path:
+def trained(folder: Path, pictures: int, *options: str, name: str = NAME, **more: Any) -> Path:
     """Train for a moment: it is examined on few pictures, and a shipped town stands for those never seen."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(method, "examine", partial(frames.examine, pictures=128))
+        for told in ("examine", "temperatures"):
+            patch.setattr(method, told, partial(getattr(frames, told), pictures=128))
         patch.setattr(method, "towns_of", lambda *_: [load_town("junctions")])
-        return train(NAME, directory=folder, steps=pictures, options=options, **HERE, **more)
+        return train(name, directory=folder, steps=pictures, options=options, **HERE, **more)
 
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return trained(tmp_path_factory.mktemp("doubting") / "run", PICTURES, *OPTIONS, "generated=0", seed=1)
-
-
-@pytest.fixture(scope="module")
-def whole(checkpoint: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """All its parts in one file, of half precision."""
-    file = tmp_path_factory.mktemp("whole") / "whole.onnx"
-    export(checkpoint, file, "fp16")
-    return file
 
 
 @pytest.mark.soak
@@ -71,27 +64,34 @@ def test_a_short_training_beats_chance_in_towns_never_seen(tmp_path: Path, monke
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", DOUBTING_AGENTS)
 def test_the_file_drives_as_the_parts_do(
-    checkpoint: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    checkpoint: Path, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One car drives whole trials with one file. The two files that are shipped, and torch, repeat each step."""
-    write_doubting(load(checkpoint), tmp_path / f"{NAME}.gate.onnx", "fp16", whole=False)
-    (tmp_path / "ppo-segmentation.onnx").symlink_to(SHIPPED_AGENTS["ppo-segmentation"].file)
+    if name != NAME:
+        checkpoint = trained(tmp_path / "run", 64, *OPTIONS, "generated=0", name=name, seed=1)
+    whole, drives = tmp_path / "whole.onnx", DOUBTING_AGENTS[name].drives
+    export(checkpoint, whole, "fp16")
+    write_doubting(load(checkpoint), tmp_path / f"{name}.gate.onnx", "fp16", whole=False)
+    (tmp_path / f"{drives}.onnx").symlink_to(SHIPPED_AGENTS[drives].file)
     monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
-    source, in_one = resolve(NAME), resolve(str(whole))
+    source, in_one = resolve(name), resolve(str(whole))
     assert source.trained_on_faults
     assert in_one.trained_on_faults
     assert (source.name, source.track) == (in_one.name, in_one.track)
     agent, shipped, beside = in_one.make(), source.make(), source.make()
-    parts, driving = GatedDoubt(load(checkpoint).model, Gate()).eval(), resolve("ppo-segmentation").make()
+    told = load(checkpoint).told["evaluation"]["temperatures"]
+    parts = GatedDoubt(load(checkpoint).model, Gate(), (told["exits"], told["line"])).eval()
+    driving = resolve(drives).make()
     commands = set()
     envs = WrongturnVectorEnv(
-        1, "Town01", "segmentation", fault="infeasible", autoreset_mode=AutoresetMode.DISABLED, record=False
+        1, "Town01", source.track, fault="infeasible", autoreset_mode=AutoresetMode.DISABLED, record=False
     )
     for seed in (1, 3):
         observation, _ = envs.reset(seed=seed)
         first = {name: array[0].copy() for name, array in observation.items()}
-        for one in (agent, shipped, beside):
+        for one in (agent, shipped, beside, driving):
             one.reset(envs.single_observation_space)
         memory = torch.zeros(1, MEMORY)
         ended = False
@@ -99,11 +99,12 @@ def test_the_file_drives_as_the_parts_do(
             seen = {name: array[0] for name, array in observation.items()}
             with torch.inference_mode():
                 tensors = {name: torch.from_numpy(array) for name, array in observation.items()}
-                command, memory = parts(tensors, memory)
+                command, memory, doubt = parts(tensors, memory)
             commands.add(int(command.item()))
             wanted = driving.act({**seen, "command": command.numpy()[0]})
             action = agent.act(seen)
             assert action == shipped.act(seen)
+            assert agent.doubt == shipped.doubt == pytest.approx(doubt.item(), abs=0.02)
             assert np.allclose(*(np.array([one.steer, one.throttle, one.brake]) for one in (action, wanted)), atol=0.02)
             controls = np.array([[action.steer, action.throttle, action.brake]], np.float32)
             observation, _, terminated, truncated, _ = envs.step(controls)

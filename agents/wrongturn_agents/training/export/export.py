@@ -162,10 +162,11 @@ class _ExportedAgent(nn.Module):
         return self.model.drive_on(observation, state)
 
 
-def batched_graph(module: nn.Module, agent: TrainedAgent, memory: int, output: str) -> onnx.ModelProto:
+def batched_graph(module: nn.Module, agent: TrainedAgent, memory: int, output: str, *more: str) -> onnx.ModelProto:
     """Return a graph in single precision, with a free batch axis.
 
-    The module goes from an observation to the output, and if it remembers any numbers, from a state to the next.
+    The module goes from an observation to the output, and if it remembers any numbers, from a state to the next. Other
+    outputs come after these.
     """
     fields = {field.name: field for field in FIELDS[agent.track]}
     # A batch of two, because the exporter takes an axis of length one as fixed.
@@ -175,6 +176,6 @@ def batched_graph(module: nn.Module, agent: TrainedAgent, memory: int, output: s
     shapes: dict[str, Any] = {"observation": {key: {0: batch} for key in example}}
     if memory:
         arguments["state"], shapes["state"] = torch.zeros(2, memory), {0: batch}
-    inputs, outputs = [*example, *([STATE_IN] if memory else [])], [output, *([STATE_OUT] if memory else [])]
+    inputs, outputs = [*example, *([STATE_IN] if memory else [])], [output, *([STATE_OUT] if memory else []), *more]
     plain: Any = module.to(memory_format=torch.contiguous_format)  # type: ignore[call-overload]
     return export_graph(plain.eval(), arguments, inputs, outputs, shapes)

@@ -11,7 +11,12 @@ class DoubtingConfig(Settings):
     """Settings of a training; the defaults are those of the shipped agents."""
 
     algorithm: ClassVar[str] = "doubting"
-    RANGES: ClassVar = {"average": SHARE, "first_share": SHARE, "generated": (0, 1e12), "noise": (0, 100)}
+    RANGES: ClassVar = {
+        **dict.fromkeys(("average", "first_share", "masked_classes"), SHARE),
+        "generated": (0, 1e12),
+        "noise": (0, 100),
+    }
+    BEFORE: ClassVar = {"cameras": False, "noise": 0.0, "masked_classes": 0.0}
     POSITIVE: ClassVar[tuple[str, ...]] = ("learning_rate", "marks_weight")
 
     pictures: int = 2_000_000
@@ -36,10 +41,12 @@ class DoubtingConfig(Settings):
     """*Ablation.* Number of drawn towns beside Town01."""
     first_share: float = 0.3
     """Share of the pictures that show Town01."""
-    cameras: bool = False
+    cameras: bool = True
     """Mount the cameras otherwise, as for the PPO agents: the pictures of a chunk have 64 different ones."""
-    noise: float = 0.0
+    noise: float = 20.0
     """Greatest standard deviation of the noise of each pixel's red, green and blue, of 255."""
+    masked_classes: float = 0.1
+    """Probability with which each class of a segmentation is hidden."""
     save_every: float = 10.0
     """Minutes between two saves of ``state.pt``."""
 

@@ -6,8 +6,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn import functional
 
-from wrongturn_agents.models.doubt import Doubt
+from wrongturn_agents.models.doubt import LINE, MARKS, Doubt
 from wrongturn_agents.training.disturbances import noisy
 from wrongturn_agents.training.methods.places import Places, draw_places
 from wrongturn_networks import Town
@@ -60,8 +61,8 @@ class FrameSource:
         self._shares = np.array([first_share if others else 1.0, *[(1 - first_share) / max(others, 1)] * others])
         self._looks = np.array([look_of(weather) for weather in TRAINING_WEATHERS])
         self._device, self._threads = device, threads
-        self._cameras = list(cameras) or [Camera()] * CHUNK
-        self._noise = noise
+        self.cameras = list(cameras) or [Camera()] * CHUNK
+        self.noise = noise
         self._renderers: dict[str, Any] = {}
 
     def draw(self, count: int) -> Frames:
@@ -74,8 +75,8 @@ class FrameSource:
             return torch.from_numpy(np.concatenate(arrays).astype(np.float32)).to(self._device)
 
         observation = {key: torch.cat([seen[key] for seen in pictures]) for key in ("rgb", "segmentation")}
-        if self._noise:
-            strengths = self._random.uniform(0.0, self._noise, len(observation["rgb"]))
+        if self.noise:
+            strengths = self._random.uniform(0.0, self.noise, len(observation["rgb"]))
             observation["rgb"] = noisy(observation["rgb"], torch.from_numpy(strengths))
         return Frames(observation, truth("distance"), truth("exits"), truth("shown"))
 
@@ -89,11 +90,11 @@ class FrameSource:
             renderer.render(self._looks, seeds, places.poses, ticks, kinds=kinds)
             shown = {"rgb": renderer.rgb, "segmentation": renderer.segmentation}
             return places, {name: torch.as_tensor(one, device=self._device).clone() for name, one in shown.items()}
-        shape = CHUNK, self._cameras[0].height, self._cameras[0].width
+        shape = CHUNK, self.cameras[0].height, self.cameras[0].width
         rgb, segmentation = np.empty((*shape, 3), np.uint8), np.empty(shape, np.uint8)
         looks, world = self._looks[kinds], World.of(town)
-        for camera in dict.fromkeys(self._cameras):
-            rows = np.array([i for i in range(CHUNK) if self._cameras[i] == camera])
+        for camera in dict.fromkeys(self.cameras):
+            rows = np.array([i for i in range(CHUNK) if self.cameras[i] == camera])
             seen, classes = np.empty((len(rows), *shape[1:], 3), np.uint8), np.empty((len(rows), *shape[1:]), np.uint8)
             render_batch(
                 world, camera, looks[rows], seeds[rows], places.poses[rows], ticks[rows], seen, classes,
@@ -106,13 +107,21 @@ class FrameSource:
         if town.name not in self._renderers:
             from wrongturn_sim.camera.cuda import CudaRenderer  # noqa: PLC0415 - only needed with a GPU
 
-            self._renderers[town.name] = CudaRenderer(World.of(town), self._cameras, CHUNK)
+            self._renderers[town.name] = CudaRenderer(World.of(town), self.cameras, CHUNK)
         return self._renderers[town.name]
 
 
 @torch.inference_mode()
-def examine(model: Doubt, towns: Sequence[Town], *, pictures: int = 4096, threads: int = 1) -> dict[str, float]:
-    """Return how right a network is about pictures of some towns, drawn equally often.
+def examine(
+    model: Doubt,
+    towns: Sequence[Town],
+    *,
+    pictures: int = 4096,
+    threads: int = 1,
+    cameras: Sequence[Camera] = (),
+    noise: float = 0.0,
+) -> dict[str, float]:
+    """Return how right a network is about pictures of some towns, drawn equally often. RGB is not augmented.
 
     Returns:
         exits: share of right exits from 5 to 16 m before stop lines.
@@ -122,7 +131,9 @@ def examine(model: Doubt, towns: Sequence[Town], *, pictures: int = 4096, thread
     """
     device = next(model.parameters()).device
     share = 1.0 / len(towns)
-    source = FrameSource(towns, _HELD_OUT_SEED, first_share=share, device=device, threads=threads)
+    source = FrameSource(
+        towns, _HELD_OUT_SEED, first_share=share, device=device, threads=threads, cameras=cameras, noise=noise
+    )
     right, whole, error, near, sided, total = 0.0, 0.0, 0.0, 0.0, 0.0, 0
     while total < pictures:
         frames = source.draw(min(512, pictures))
@@ -136,3 +147,38 @@ def examine(model: Doubt, towns: Sequence[Town], *, pictures: int = 4096, thread
         sided += ((distance[:, 0] > 2.0) == (frames.distance > 2.0)).float().sum().item()
         total += len(frames.distance)
     return {"exits": right / near, "approaches": whole / near, "distance": error / near, "inside": sided / total}
+
+
+@torch.inference_mode()
+def temperatures(
+    model: Doubt, towns: Sequence[Town], like: FrameSource, *, pictures: int = 4096, threads: int = 1
+) -> dict[str, float]:
+    """Return the temperatures that calibrate what a network tells, on disturbed pictures of some towns.
+
+    Logits divided by them have the least cross-entropy (C. Guo et al., "On Calibration of Modern Neural Networks",
+    2017). Cameras and noise are those of another source.
+
+    Returns:
+        exits: of the exits that are to be told.
+        line: of "farther than :data:`LINE`".
+    """
+    device = next(model.parameters()).device
+    source = FrameSource(
+        towns, _HELD_OUT_SEED + 1, first_share=1.0 / len(towns), device=device, threads=threads, cameras=like.cameras,
+        noise=like.noise,
+    )  # fmt: skip
+    found: dict[str, list[tuple[Tensor, Tensor]]] = {"exits": [], "line": []}
+    for _ in range(-(-pictures // 512)):
+        frames = source.draw(512)
+        exits, beyond = (part.float() for part in model(model.disturb(frames.observation)))
+        shown = frames.shown > 0.5
+        found["exits"].append((exits[shown].flatten(), frames.exits[shown].flatten()))
+        found["line"].append((beyond[:, MARKS.index(LINE)], (frames.distance > LINE).float()))
+    return {name: _temperature(*map(torch.cat, zip(*pairs, strict=True))) for name, pairs in found.items()}
+
+
+def _temperature(logits: Tensor, truth: Tensor) -> float:
+    """Return the temperature from 0.25 to 4 with the least cross-entropy."""
+    tried = torch.logspace(-2.0, 2.0, 201, 2.0).tolist()
+    losses = [functional.binary_cross_entropy_with_logits(logits / one, truth).item() for one in tried]
+    return round(float(tried[int(np.argmin(losses))]), 3)

@@ -10,7 +10,7 @@ from wrongturn_agents.shipped_agents import DOUBTING_AGENTS
 from wrongturn_agents.training.method import Loaded, Method, TrainedAgent
 from wrongturn_agents.training.methods.averaging import AveragedLearner
 from wrongturn_agents.training.methods.doubting.config import DoubtingConfig, DoubtingSegmentationConfig
-from wrongturn_agents.training.methods.doubting.frames import CHUNK, FrameSource, examine
+from wrongturn_agents.training.methods.doubting.frames import CHUNK, FrameSource, examine, temperatures
 from wrongturn_agents.training.run import Run
 from wrongturn_agents.training.run_directory import BEST
 from wrongturn_agents.training.world import HELD_OUT, TRAINING_TOWN, mounts_of, towns_of
@@ -36,7 +36,7 @@ class DoubtingMethod(Method):
 
     def build(self, settings: DoubtingConfig, algorithm: str) -> Doubt:  # noqa: ARG002
         """Return the untrained network."""
-        return Doubt(self._key)
+        return Doubt(self._key, augment=settings.augment, masked_classes=settings.masked_classes)
 
     def learn(self, run: Run) -> None:
         """Learn from fresh pictures until the budget is over, and tell how right the network is."""
@@ -49,18 +49,17 @@ class DoubtingMethod(Method):
         drawn = run.seed if learner.seen == 0 else run.stream(learner.seen)
         source = FrameSource(
             towns, drawn, first_share=config.first_share, device=run.device, threads=run.threads,
-            cameras=mounts_of(CHUNK) if config.cameras else (), noise=config.noise,
+            cameras=mounts_of(CHUNK, level=True) if config.cameras else (), noise=config.noise,
         )  # fmt: skip
         source.draw(1)  # compiles what renders, before the clock of the learning begins
         run.open(learner.seen)
         shown = run.budget.used
         while not run.over(learner.seen):
             frames = source.draw(config.batch_size)
-            observation = frames.observation
-            if self._key == "rgb" and config.augment:
-                observation = {**observation, "rgb": model.augmentation(observation["rgb"])}
             with learner.precision():
-                exits, marks = model.loss(observation, frames.distance, frames.exits, frames.shown)
+                exits, marks = model.loss(
+                    model.disturb(frames.observation), frames.distance, frames.exits, frames.shown
+                )
             loss = exits + config.marks_weight * marks
             learner.learn(loss, len(frames.distance), run.budget.fraction(learner.seen))
             if run.budget.used - shown > _ROW_EVERY or run.over(learner.seen):
@@ -70,9 +69,15 @@ class DoubtingMethod(Method):
             if run.save_due:
                 run.save_state(learner=learner.state())
         average: Any = learner.average
+        unseen = towns_of(HELD_OUT)
+        mounts = mounts_of(CHUNK, 1)
         told = {
             "training town": examine(average, towns[:1], threads=run.threads),
-            "towns never seen": examine(average, towns_of(HELD_OUT), threads=run.threads),
+            "towns never seen": examine(average, unseen, threads=run.threads),
+            "the same, other cameras and noise": examine(
+                average, unseen, threads=run.threads, cameras=mounts, noise=config.noise
+            ),
+            "temperatures": temperatures(average, unseen, source, threads=run.threads),
         }
         run.save(BEST, average, learner.seen, told)
         run.save_state(learner=learner.state())
