@@ -330,7 +330,7 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
 
 
 def _draws(agent: ShippedAgent) -> str:
-    """Return how the episodes of the studies ended, and those of evaluations over the service."""
+    """Return a line for each study that the agent drove: how its episodes ended."""
     lines = [f"- `{suite}`: {doubting.counts(own)}." for study, suite in doubting.SUITES.items()
              if (own := doubting.episodes_of(study, agent.name))]  # fmt: skip
     return "\n".join([*lines, "", "`docs/results.md` has the evaluations over the service, beside all others."])

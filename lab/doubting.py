@@ -186,10 +186,15 @@ def episodes_of(study: str, name: str, *, unheard: bool = False) -> list[Driven]
     return [Driven(*one) for draw in found["draws"].values() for one in draw]
 
 
+def _sides(driven: Sequence[Driven]) -> tuple[list[Driven], list[Driven]]:
+    """Return the episodes with a fault, and the twins."""
+    faulted, twins = ([one for one in driven if (one.cell == FaultKind.NONE) is twin] for twin in (False, True))
+    return faulted, twins
+
+
 def counts(driven: Sequence[Driven]) -> str:
     """Return in words how episodes ended."""
-    faulted = [one for one in driven if one.cell != FaultKind.NONE]
-    twins = [one for one in driven if one.cell == FaultKind.NONE]
+    faulted, twins = _sides(driven)
     return (
         f"unsafe {sum(one.unsafe for one in faulted)} of {len(faulted)}, twins {sum(one.completed for one in twins)} "
         f"of {len(twins)}, false alarms in {sum(one.replaced > 0 for one in twins)}"
@@ -202,8 +207,7 @@ def unseen_table() -> Table:
     for name, agent in DOUBTING_AGENTS.items():
         for unheard in (False, True):
             driven = episodes_of("unseen", name, unheard=unheard)
-            faulted = [one for one in driven if one.cell != FaultKind.NONE]
-            twins = [one for one in driven if one.cell == FaultKind.NONE]
+            faulted, twins = _sides(driven)
             if driven:
                 alarms = "–" if unheard else f"{sum(one.replaced > 0 for one in twins)} of {len(twins)}"
                 rows.append(

@@ -106,7 +106,7 @@ def sight_of_policy(policy: object, observation: Observation) -> Sight:
         if (track := shown_track(observation)) is None:
             raise PolicyError(
                 f"{type(policy).__name__}.rig: there is none, and the agent was registered with one, which shows "
-                f"{', '.join(observation)}; give the class this rig, or register it anew without one"
+                f"{', '.join(observation)}; give the class that rig, or register the agent anew without one"
             )
         return track
     fields = {field.name: field.shape for field in fields_of(rig)}
