@@ -39,7 +39,7 @@ from wrongturn_agents.training.methods.doubting.frames import CHUNK, examine
 from wrongturn_agents.training.world import HELD_OUT, towns_of
 from wrongturn_networks import load_suite
 from wrongturn_networks.drawn import build_towns
-from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Trial
+from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Trial, words
 from wrongturn_protocol.observations import observation_space
 from wrongturn_sim import VEHICLE, Episode, JudgeGeometry
 from wrongturn_sim.camera import Camera
@@ -222,6 +222,34 @@ def unseen_table() -> Table:
     return Table("Doubting agents in unseen towns", head, rows, words=1)
 
 
+def borne_table() -> Table:
+    """Return what the agents do under each disturbance, whose commands are right, and how wrong their doubt is."""
+    driven = {name: episodes_of("disturbed", name) for name in DOUBTING_AGENTS}
+    rows: list[Row] = []
+    for cell in dict.fromkeys(one.cell for one in next(iter(driven.values())) if one.cell != FaultKind.NONE):
+        row = [words.name(cell)]
+        for episodes in driven.values():
+            own = [one for one in episodes if one.cell == cell]
+            row += [
+                f"{sum(one.unsafe for one in own)} of {len(own)}",
+                f"{sum(one.doubt**2 for one in own) / len(own):.3f}",
+            ]
+        rows.append(tuple(row))
+    last = ["twins completed"]
+    for episodes in driven.values():
+        twins = _sides(episodes)[1]
+        last += [
+            f"{sum(one.completed for one in twins)} of {len(twins)}",
+            f"{sum(one.doubt**2 for one in twins) / len(twins):.3f}",
+        ]
+    rows.append(tuple(last))
+    head = (
+        "disturbance",
+        *(text for name in driven for text in (f"`{name}`: unsafe, strict", "Brier score of its doubt")),
+    )
+    return Table("Doubting agents under disturbances", head, rows, words=1)
+
+
 def doubt_table() -> Table:
     """Return what the doubt is worth: unheard, it looks on while the driving agent obeys."""
     rows: list[Row] = []
@@ -262,7 +290,7 @@ def risk(doubts: Any, unsafe: Any, shares: Iterable[float]) -> list[float]:
     return [float(ordered[: round(len(ordered) * (1.0 - share))].mean()) for share in shares]
 
 
-TABLES: Final = {"unseen": unseen_table, "doubt": doubt_table}
+TABLES: Final = {"unseen": unseen_table, "borne": borne_table, "doubt": doubt_table}
 """What makes the tables of ``docs/doubting.md``, by name."""
 
 
