@@ -11,7 +11,7 @@ import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from lab import doubting
 from lab.curves import LAB, Curve, read_curves
@@ -29,7 +29,7 @@ from wrongturn_protocol.words import name
 FACTS: Final = "training.json"
 _CONTROLS: Final = ("steer", "throttle", "brake")
 _PRECISION: Final = {"fp32": "32-bit floating point", "fp16": "stored as 16-bit floating point, computed in 32"}
-_TOWNS: Final = "ClearNoon, WetNoon, HardRainNoon and ClearSunset"
+_WEATHERS: Final = "ClearNoon, WetNoon, HardRainNoon and ClearSunset"
 _CARTON: Final = (
     "Carton et al., *Evaluating Robustness over High Level Driving Instruction for Autonomous Driving* (2021)"
 )
@@ -179,7 +179,7 @@ def card(agent: ShippedAgent, collection: Collection, curves: Iterable[Curve], f
         "## How it drives",
         *_figures(agent, collection),
         "## Limits",
-        f"It was trained in one simulated town, in four weathers, {_company(said)}, and with correct commands "
+        f"It was trained in {_limits(said)}, in four weathers, {_company(said)}, and with correct commands "
         "only. It has learned no reaction to a wrong command: the benchmark asks what it then does. "
         f"{words.others} It is for research on this benchmark alone, and not fit to drive a car.",
         "## Licence",
@@ -217,7 +217,7 @@ def doubting_card(agent: ShippedAgent, facts: Facts) -> str:
         _table(
             {
                 "pictures": f"{int(said['steps']):,}, each seen once",
-                "weathers": _TOWNS,
+                "weathers": _WEATHERS,
                 "towns": f"Town01 and {json.loads(said['config'])['generated']} generated ones",
                 "seed": seed,
                 "hardware": facts.hardware,
@@ -267,8 +267,25 @@ def _agreement(said: Mapping[str, str]) -> str:
 
 def _company(said: Mapping[str, str]) -> str:
     """Return with whom it drove in training; the first files do not say it, and met nobody."""
-    share = json.loads(said["config"]).get("traffic", 0)
+    share = _config(said).get("traffic", 0)
     return f"beside simple traffic in {share:.0%} of the drives" if share else "without other road users"
+
+
+def _config(said: Mapping[str, str]) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(said["config"])
+    return found
+
+
+def _where(said: Mapping[str, str]) -> str:
+    """Return where it drove in training, and how it saw; the first files do not say it, and know Town01 alone."""
+    config, towns = _config(said), _config(said).get("towns", 0)
+    where = f"Town01 (and {config['sceneries']} more sceneries of it) and {towns} drawn towns" if towns else "Town01"
+    return f"{where} in {_WEATHERS}{', with other mounts of the camera' if config.get('cameras') else ''}"
+
+
+def _limits(said: Mapping[str, str]) -> str:
+    towns = 1 + int(_config(said).get("towns", 0))
+    return "one simulated town" if towns == 1 else f"{towns} simulated towns"
 
 
 def _training(said: Mapping[str, str], curve: Curve | None, facts: Facts, words: Words) -> dict[str, str]:
@@ -280,12 +297,12 @@ def _training(said: Mapping[str, str], curve: Curve | None, facts: Facts, words:
         if isinstance(value, int | float)
     )
     return {
-        "data": f"drives about Town01 in {_TOWNS}, with correct commands only, {_company(said)}",
+        "data": f"drives about {_where(said)}, with correct commands only, {_company(said)}",
         "seed": said["seed"],
         words.steps: f"{int(said['steps']):,}" + (f" (of {curve.last('step'):,.0f})" if curve else ""),
         "minutes": "–" if math.isnan(minutes) else f"{minutes:.1f}",
         "hardware": facts.hardware,
-        "held-out journeys, Town01": held_out or "–",
+        f"held-out journeys, Town01{' and two drawn towns' * bool(_config(said).get('towns'))}": held_out or "–",
         "software": ", ".join(f"{name} {version}" for name, version in versions.items()) or "–",
     }
 

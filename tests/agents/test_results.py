@@ -45,7 +45,7 @@ def test_stored_results_are_shown_by_the_agents_names():
     assert out.index("ppo-image") < out.index("careful")
     out, _ = made("--csv", "-", "ppo-image")
     assert len(out.splitlines()) == 121
-    assert "ppo-image,,,,2,wrong-command@3" in out
+    assert "ppo-image,,,,3,wrong-command@3" in out
     said = refused("--latex", "-", "nobody")
     assert "nobody: no such run file, and no stored results on wrong-command@3" in said
     assert "ppo-image" in said
