@@ -85,7 +85,7 @@ def batch(agent: str, file: str, *more: str) -> subprocess.CompletedProcess[str]
     return run("run", f"batch_agents:{agent}", "--suite", "smoke@3", "--json", file, *(more or ("--workers", "1")))
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_an_array_of_slurm_makes_the_file_of_one_run(here: Path):
     options = ("--suite", "smoke@3", "--draws", "2", "--workers", "2", "--json", "whole.json")
     whole = run("run", "parked", "always-stops", *options)

@@ -66,6 +66,7 @@ def on_ray(nodes: Mixed, tmp_path_factory: pytest.TempPathFactory) -> Iterator[R
     await_that(lambda: not nodes.all_simulators(), "simulators outlive their service")
 
 
+@pytest.mark.soak
 def test_drives_on_a_node_and_here_give_the_same_bytes_whatever_is_killed(
     nodes: Mixed, on_ray: RunningService, service: RunningService
 ) -> None:

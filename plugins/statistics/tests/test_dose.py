@@ -84,6 +84,7 @@ def test_d50_is_where_a_scripted_agent_decides_within_one_decision(
     assert high_end - low_end < 1.0
 
 
+@pytest.mark.soak
 def test_sixty_trials_tell_d50(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dose_power, "RUNS", 24)
     for case in ((15.0, 5.0, (0.0, 0.0)), (25.0, 10.0, (0.0, 0.0)), (6.0, 1.0, (0.05, 0.1))):

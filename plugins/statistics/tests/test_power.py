@@ -32,7 +32,7 @@ def test_simulated_chances_are_the_exact_ones() -> None:
     assert 0.5 < exact < 0.9
 
 
-@pytest.mark.parametrize("suite", ["wrong-command@3", "wrong-command-unseen@1"])
+@pytest.mark.parametrize("suite", ["wrong-command@3", pytest.param("wrong-command-unseen@1", marks=pytest.mark.soak)])
 def test_equal_agents_differ_in_five_percent_at_most_and_draws_help(
     suite: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -32,6 +32,7 @@ def test_two_seeds_side_by_side_learn_what_they_learn_alone():
     assert "100%, " in Path("runs/ppo-segmentation-2/log.txt").read_text()
 
 
+@pytest.mark.soak
 def test_one_that_fails_or_is_killed_ends_no_other_and_all_resume():
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell would ignore Ctrl-C
     words = ["counting", "--seeds", "1-3", "--option", "counting.bad=3", "--steps", "1000000"]
