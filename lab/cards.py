@@ -279,8 +279,13 @@ def _config(said: Mapping[str, str]) -> dict[str, Any]:
 def _where(said: Mapping[str, str]) -> str:
     """Return where it drove in training, and how it saw; the first files do not say it, and know Town01 alone."""
     config, towns = _config(said), _config(said).get("towns", 0)
-    where = f"Town01 (and {config['sceneries']} more sceneries of it) and {towns} drawn towns" if towns else "Town01"
-    return f"{where} in {_WEATHERS}{', with other mounts of the camera' if config.get('cameras') else ''}"
+    where = (
+        f"in Town01, by its own scenery and {config['sceneries']} drawn ones, and in {towns} drawn towns, "
+        if towns
+        else "about Town01 "
+    )
+    cameras = ", each camera mounted a little differently" if config.get("cameras") else ""
+    return f"{where}in {_WEATHERS}{cameras}"
 
 
 def _limits(said: Mapping[str, str]) -> str:
@@ -297,7 +302,7 @@ def _training(said: Mapping[str, str], curve: Curve | None, facts: Facts, words:
         if isinstance(value, int | float)
     )
     return {
-        "data": f"drives about {_where(said)}, with correct commands only, {_company(said)}",
+        "data": f"drives {_where(said)}, with correct commands only, {_company(said)}",
         "seed": said["seed"],
         words.steps: f"{int(said['steps']):,}" + (f" (of {curve.last('step'):,.0f})" if curve else ""),
         "minutes": "–" if math.isnan(minutes) else f"{minutes:.1f}",
@@ -350,7 +355,15 @@ def _draws(agent: ShippedAgent) -> str:
     """Return a line for each study that the agent drove: how its episodes ended."""
     lines = [f"- `{suite}`: {doubting.counts(own)}." for study, suite in doubting.SUITES.items()
              if (own := doubting.episodes_of(study, agent.name))]  # fmt: skip
-    return "\n".join([*lines, "", "`docs/results.md` has the evaluations over the service, beside all others."])
+    return "\n".join(
+        [
+            "In process, on draws that no evaluation has:",
+            "",
+            *lines,
+            "",
+            "`docs/results.md` has the evaluations over the service, beside all others.",
+        ]
+    )
 
 
 def main() -> None:

@@ -39,6 +39,7 @@ from wrongturn_agents.training.methods.doubting.frames import CHUNK, examine
 from wrongturn_agents.training.world import HELD_OUT, towns_of
 from wrongturn_networks import load_suite
 from wrongturn_networks.drawn import build_towns
+from wrongturn_networks.faults import fault_class
 from wrongturn_protocol import DIRECTIONS, Command, FaultKind, Trial, words
 from wrongturn_protocol.observations import observation_space
 from wrongturn_sim import VEHICLE, Episode, JudgeGeometry
@@ -227,27 +228,17 @@ def borne_table() -> Table:
     driven = {name: episodes_of("disturbed", name) for name in DOUBTING_AGENTS}
     rows: list[Row] = []
     for cell in dict.fromkeys(one.cell for one in next(iter(driven.values())) if one.cell != FaultKind.NONE):
-        row = [words.name(cell)]
+        dose = fault_class(FaultKind(cell.split()[0])).dose
+        row = [f"{words.name(cell)} {dose.unit if dose else ''}".rstrip()]
         for episodes in driven.values():
             own = [one for one in episodes if one.cell == cell]
-            row += [
-                f"{sum(one.unsafe for one in own)} of {len(own)}",
-                f"{sum(one.doubt**2 for one in own) / len(own):.3f}",
-            ]
+            score = sum(one.doubt**2 for one in own) / len(own)
+            row += [f"{sum(one.unsafe for one in own)} of {len(own)}", f"{score:.3f}"]
         rows.append(tuple(row))
-    last = ["twins completed"]
-    for episodes in driven.values():
-        twins = _sides(episodes)[1]
-        last += [
-            f"{sum(one.completed for one in twins)} of {len(twins)}",
-            f"{sum(one.doubt**2 for one in twins) / len(twins):.3f}",
-        ]
-    rows.append(tuple(last))
-    head = (
-        "disturbance",
-        *(text for name in driven for text in (f"`{name}`: unsafe, strict", "Brier score of its doubt")),
-    )
-    return Table("Doubting agents under disturbances", head, rows, words=1)
+    head = [f"`{name}`: {text}" for name in driven for text in ("unsafe, strict", "Brier score")]
+    twins = (counts(one).split(", ")[1].removeprefix("twins ") for one in driven.values())
+    note = f"Twins completed: {' and '.join(twins)}."
+    return Table("Doubting agents under disturbances", ("disturbance", *head), rows, note, words=1)
 
 
 def doubt_table() -> Table:

@@ -53,7 +53,7 @@ def endings_table(collection: Collection) -> Table:
             own.append((name(fault), str(len(found)), _ends(found), _reactions(found), speed))
         rows += label_first(label(agent), own)
     note = (
-        "Percent of the trials of all seeds that were driven. With an omission, taking an exit is a reaction too, and "
+        "Percent of the trials of all seeds that drive. With an omission, taking an exit is a reaction too, and "
         "is left out. The speed is the median at the verdict of unsafe trials, m/s."
     )
     head = ("agent", "fault", "trials", "how they ended", "how the agent reacted", "speed")
@@ -71,6 +71,6 @@ def paper_endings_table(collection: Collection) -> Table:
             theirs = (str(cells[PAPER_TYPES.index(kind)]) for cells in (agent.infeasible, agent.omission))
             own.append((name(kind), next(theirs), _ends(wrong), _reactions(wrong), next(theirs), _ends(none)))
         rows += label_first(label(agent.ours), own)
-    note = "Ours: percent of the trials of all seeds that were driven. The paper: unsafe trials of 10."
+    note = "Ours: percent of the trials of all seeds that drive. The paper: unsafe trials of 10."
     head = ("agent", "junction", "infeasible: the paper", "ours", "reactions", "omission: the paper", "ours")
     return Table("How trials ended, beside the paper", head, rows, note if rows else "", words=7)

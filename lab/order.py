@@ -108,7 +108,7 @@ def describe_order(counts: Counts) -> str:
     if few:
         return (
             f"It cannot be said yet whether the paper's order ({_paper(counts)}, one seed each) holds over seeds: "
-            f"fewer than two seeds of {', '.join(few)} drive.\n"
+            f"fewer than two seeds of {', '.join(few)} that drive are stored.\n"
         )
     test = order_test(tuple(map(tuple, counts.values())))
     ways = f"all {test.ways:,} ways" if test.exact else f"{test.ways:,} random ways"
