@@ -48,14 +48,16 @@ class Short(Batched):
         return []
 
 class Kills(Single):
-    """At its fifth episode it kills its worker or the whole run, as the file says, once the first group is kept."""
+    """At its fifth episode it kills its worker or the whole run, as the file says, once its first group is kept."""
     begun = 0
 
     def reset(self, space):
         self.begun += 1
-        kill = pathlib.Path("kill")
+        kill, out = pathlib.Path("kill"), pathlib.Path("out.json")
+        if self.begun == 1:
+            self.had = out.read_text().count("verdict") if out.exists() else 0
         if self.begun == 5 and kill.exists():
-            while "verdict" not in pathlib.Path("out.json").read_text():
+            while out.read_text().count("verdict") == self.had:
                 time.sleep(0.01)
             whom = kill.read_text()
             kill.unlink()
