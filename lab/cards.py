@@ -218,7 +218,7 @@ def doubting_card(agent: ShippedAgent, facts: Facts) -> str:
             {
                 "pictures": f"{int(said['steps']):,}, each seen once",
                 "weathers": _WEATHERS,
-                "towns": f"Town01 and {json.loads(said['config'])['generated']} generated ones",
+                "towns": f"Town01 and {_config(said)['generated']} generated ones",
                 "seed": seed,
                 "hardware": facts.hardware,
             }
@@ -278,7 +278,8 @@ def _config(said: Mapping[str, str]) -> dict[str, Any]:
 
 def _where(said: Mapping[str, str]) -> str:
     """Return where it drove in training, and how it saw; the first files do not say it, and know Town01 alone."""
-    config, towns = _config(said), _config(said).get("towns", 0)
+    config = _config(said)
+    towns = config.get("towns", 0)
     where = (
         f"in Town01, by its own scenery and {config['sceneries']} drawn ones, and in {towns} drawn towns, "
         if towns
@@ -355,14 +356,12 @@ def _draws(agent: ShippedAgent) -> str:
     """Return a line for each study that the agent drove: how its episodes ended."""
     lines = [f"- `{suite}`: {doubting.counts(own)}." for study, suite in doubting.SUITES.items()
              if (own := doubting.episodes_of(study, agent.name))]  # fmt: skip
-    return "\n".join(
-        [
+    return "\n\n".join(
+        (
             "In process, on draws that no evaluation has:",
-            "",
-            *lines,
-            "",
+            "\n".join(lines),
             "`docs/results.md` has the evaluations over the service, beside all others.",
-        ]
+        )
     )
 
 

@@ -236,8 +236,8 @@ def borne_table() -> Table:
             row += [f"{sum(one.unsafe for one in own)} of {len(own)}", f"{score:.3f}"]
         rows.append(tuple(row))
     head = [f"`{name}`: {text}" for name in driven for text in ("unsafe, strict", "Brier score")]
-    twins = (counts(one).split(", ")[1].removeprefix("twins ") for one in driven.values())
-    note = f"Twins completed: {' and '.join(twins)}."
+    twins = [_sides(episodes)[1] for episodes in driven.values()]
+    note = f"Twins completed: {' and '.join(f'{sum(one.completed for one in own)} of {len(own)}' for own in twins)}."
     return Table("Doubting agents under disturbances", ("disturbance", *head), rows, note, words=1)
 
 
