@@ -123,7 +123,9 @@ def test_a_change_of_any_field_is_refused_by_its_name(
         assert set(re.findall(r"\w+", str(path))) <= set(re.findall(r"\w+", found.output)), (path, found.output)
 
 
-def test_a_service_that_lies_is_found_out(service: RunningService, certificate: Any, verify: Verify) -> None:
+def test_a_service_that_lies_is_found_out(
+    service: RunningService, certificate: Any, verify: Verify, tmp_path: Path
+) -> None:
     """The signature fits in each case."""
 
     def signed(**changes: Any) -> Any:
@@ -144,17 +146,22 @@ def test_a_service_that_lies_is_found_out(service: RunningService, certificate: 
         found = verify(signed(**changes), *trusted)
         assert (found.exit_code, named in found.stdout) == (1, True), (changes, found.output)
         assert "not checked metrics: depends on what is refused above" in found.stdout
-    # An outcome that is better than the drive, with the figures that follow: only the trajectory tells.
+    # An outcome that a drive with the pedal down cannot have, and the figures that follow: only the trajectory tells.
+    drives = "--rejudge", "--trajectories", str(tmp_path / "drives")
+    assert verify(certificate, "--url", service.url, *drives).exit_code == 0
     episodes = copy.deepcopy(record["episodes"])
     better = next(one for one in episodes if one["trajectory_sha256"] and one["outcome"]["verdict"] != "aborted")
-    better["outcome"] |= {"verdict": "exit_other", "exit": 1}
+    better["outcome"] |= {"verdict": "stopped_before_junction", "exit": None}
     outcomes = {one.trial.id: one.outcome for one in Record.model_validate({**record, "episodes": episodes}).episodes}
     metrics = compute(load_suite("smoke@3").draw(record["secret"]), outcomes).model_dump(mode="json")
     lie = signed(episodes=episodes, metrics=metrics)
     assert verify(lie, *trusted).exit_code == 0
-    judged = verify(lie, *trusted, "--url", service.url, "--rejudge")
+    judged = verify(lie, *trusted, *drives)
     assert judged.exit_code == 1
-    assert f"episodes[{episodes.index(better)}].outcome.verdict: is 'exit_other'" in judged.stdout
+    said = f"trajectories: episodes[{episodes.index(better)}].outcome.verdict: is 'stopped_before_junction', not "
+    assert said in judged.stdout
+    shown = verify(lie, *trusted, "--url", service.url)
+    assert (shown.exit_code, "record: record." in shown.stdout) == (1, True), shown.output
 
 
 @pytest.mark.parametrize(
