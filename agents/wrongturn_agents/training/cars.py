@@ -15,6 +15,7 @@ from wrongturn_agents.training.action import ACTION_SPACE, controls
 from wrongturn_agents.training.drive import SLOW
 from wrongturn_agents.training.drives_config import CarsConfig, DrivesConfig
 from wrongturn_agents.training.vec_env import WrongturnVecEnv
+from wrongturn_networks import Town
 from wrongturn_protocol import TRAINING_WEATHERS, Task, Traffic
 from wrongturn_sim import FleetTraffic, WrongturnVectorEnv
 
@@ -107,9 +108,9 @@ class DrivingVecEnv(WrongturnVecEnv):
         return tensors, scaled, ended, infos
 
     @property
-    def poses(self) -> NDArray[np.float64]:
-        """Where each car is, (n, 3): x and y of the body's centre in metres, and yaw in radians."""
-        return self._batch.poses
+    def placed(self) -> list[tuple[Town, NDArray[np.float64]]]:
+        """The town, and where each car is, (n, 3): x and y of the body's centre in metres, and yaw in radians."""
+        return [(self._batch.town, self._batch.poses)]
 
     @property
     def _batch(self) -> WrongturnVectorEnv:

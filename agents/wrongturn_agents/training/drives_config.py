@@ -139,16 +139,10 @@ class DrivesConfig(CarsConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class WorldConfig(DrivesConfig):
-    """Settings of a learner that drives in many towns: all are drawn from seeds that no draw of a suite gives."""
+class PlacesConfig(CarsConfig):
+    """Where the cars drive and what cameras they have: all is drawn from seeds that no draw of a suite gives."""
 
-    RANGES: ClassVar = {
-        **DrivesConfig.RANGES,
-        **dict.fromkeys(("towns", "sceneries"), (0, 1000)),
-        "noise": (0, 100),
-        "delay": (0, 20),
-        "steering": (0, 0.9),
-    }
+    RANGES: ClassVar = {**CarsConfig.RANGES, **dict.fromkeys(("towns", "sceneries"), (0, 1000))}
 
     towns: int = 0
     """Number of drawn towns beside Town01."""
@@ -156,6 +150,25 @@ class WorldConfig(DrivesConfig):
     """Number of drawn sceneries of Town01 beside the one that it ships with."""
     cameras: bool = False
     """Mount each car's camera otherwise: by up to 0.05 rad of pitch, 0.2 m of height and 8 % of its focal length."""
+    groups: int = 4
+    """Number of groups of cars, each in a town of its own. With 8, six runs on a GPU took 2.5 times as long for a step.
+    """
+    stay: int = 960
+    """Decisions after which each group moves on to its next town."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldConfig(PlacesConfig, DrivesConfig):
+    """Settings of a learner that drives in many towns, whose pictures and steering may be disturbed too."""
+
+    RANGES: ClassVar = {
+        **PlacesConfig.RANGES,
+        **DrivesConfig.RANGES,
+        "noise": (0, 100),
+        "delay": (0, 20),
+        "steering": (0, 0.9),
+    }
+
     noise: float = 0.0
     """Greatest standard deviation of the noise of each pixel's red, green and blue, of 255. Each drive
     draws its own.
@@ -164,11 +177,6 @@ class WorldConfig(DrivesConfig):
     """Most decisions by which what the agent sees is late. Each drive draws its own number."""
     steering: float = 0.0
     """Greatest share by which the wheels turn more or less than the agent steers. Each drive draws its own."""
-    groups: int = 4
-    """Number of groups of cars, each in a town of its own. With 8, six runs on a GPU took 2.5 times as long for a step.
-    """
-    stay: int = 960
-    """Decisions after which each group moves on to its next town."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,13 +1,14 @@
 """Where an agent learns: Town01, Town01 with drawn scenery, and towns of names that no draw gives; and how it sees."""
 
 import contextlib
+import itertools
 import math
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
 import torch
@@ -17,7 +18,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from wrongturn_agents.training.cars import DrivingVecEnv, Observations, training_cars
 from wrongturn_agents.training.disturbances import DisturbedCars
-from wrongturn_agents.training.drives_config import DrivesConfig, WorldConfig
+from wrongturn_agents.training.drives_config import CarsConfig, DrivesConfig, PlacesConfig, WorldConfig
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_networks import Town, load_town, read_town
 from wrongturn_networks.drawn import make_town
@@ -33,6 +34,8 @@ MEETING: Final = FleetTraffic(crossers=0.5, waiters=0.5)
 _JOURNEY_TOWNS: Final = 2
 _PITCH, _UP, _FOCAL = 0.05, 0.2, 0.08
 """Greatest change of a camera's pitch, radians; height, metres; and focal length, as a share."""
+_Config = TypeVar("_Config", bound=CarsConfig)
+_Cars = TypeVar("_Cars")
 
 
 def towns_of(numbers: Iterable[int]) -> list[Town]:
@@ -64,15 +67,16 @@ def cars_of(settings: DrivesConfig, device: torch.device | str, **options: Any) 
 
     They drive in Town01 alone if the settings name no others.
     """
-    if not isinstance(settings, WorldConfig):
+    if not isinstance(settings, PlacesConfig):
         return training_cars(None, device, settings=settings, **options)
     if settings.towns + settings.sceneries:
         cars: VecEnv = CarsInTowns(settings, device, **options)
     else:
         mounts = mounts_of(settings.num_envs) if settings.cameras else None
         cars = training_cars(None, device, settings=settings, camera=mounts, **options)
-    disturbed = settings.noise or settings.delay or settings.steering
-    return DisturbedCars(cars, settings, options.get("seed")) if disturbed else cars
+    if isinstance(settings, WorldConfig) and (settings.noise or settings.delay or settings.steering):
+        return DisturbedCars(cars, settings, options.get("seed"))
+    return cars
 
 
 def mounts_of(count: int, *stream: int, level: bool = False) -> list[Camera]:
@@ -92,27 +96,69 @@ def mounts_of(count: int, *stream: int, level: bool = False) -> list[Camera]:
     return mounts
 
 
-class CarsInTowns(VecEnvWrapper):
-    """The cars of an agent that learns in many towns: some groups, each in a town of its own.
+class Groups(Generic[_Cars]):
+    """Groups of cars, each in a town of its own.
 
-    Again and again a group moves on to its next town, which cuts its drives off as at their time limit. A town's cars
-    are made when they first drive, and kept.
+    Again and again a group moves on to its next town. A town's cars are made when they first drive, and kept.
+
+    Attributes:
+        rows: the cars of each group, among all.
+        made: the cars of each place that was visited.
     """
 
-    def __init__(
-        self, settings: WorldConfig, device: torch.device | str, *, seed: int | None = None, **options: Any
-    ) -> None:
-        places = _places(settings)
-        groups = min(settings.groups, len(places), settings.num_envs)
-        self._edges = np.linspace(0, settings.num_envs, groups + 1).astype(int).tolist()
-        self._stay = max(1, settings.stay // groups)
-        self._made: dict[int, DrivingVecEnv] = {}
-        self._make = partial(_cars, settings, device, options, places)
-        self._seed, self._count, self._groups = seed, len(places), groups
+    def __init__(self, settings: PlacesConfig, make: Callable[[int, Town, int], _Cars]) -> None:
+        """``make(place, town, count)`` makes the cars of a group in the town of a place, which has that number."""
+        self._places = _places(settings)
+        groups = min(settings.groups, len(self._places), settings.num_envs)
+        edges = np.linspace(0, settings.num_envs, groups + 1).astype(int).tolist()
+        self.rows = [slice(begin, end) for begin, end in itertools.pairwise(edges)]
+        self.made: dict[int, _Cars] = {}
+        self._make, self._stay = make, max(1, settings.stay // groups)
         self._driving = list(range(groups))
         self._steps = 0
+
+    def cars(self, group: int) -> _Cars:
+        """Return the cars of a group in its town."""
+        place, rows = self._driving[group], self.rows[group]
+        if place not in self.made:
+            self.made[place] = self._make(place, self._places[place](), rows.stop - rows.start)
+        return self.made[place]
+
+    def all(self) -> list[_Cars]:
+        """Return the cars of all groups."""
+        return [self.cars(group) for group in range(len(self.rows))]
+
+    def move(self) -> int | None:
+        """Count a decision, and return the group that then moves on to its next town; None if none does."""
+        self._steps += 1
+        turn, left = divmod(self._steps, self._stay)
+        if left or len(self.rows) == len(self._places):
+            return None
+        group = turn % len(self.rows)
+        following = self._driving[group] + len(self.rows)
+        self._driving[group] = following if following < len(self._places) else group
+        return group
+
+
+class CarsInTowns(VecEnvWrapper):
+    """The cars of a learner that drives in many towns. When a group moves on, its drives are cut off as by their time.
+
+    ``settings`` are of :class:`DrivesConfig` and :class:`PlacesConfig` both.
+    """
+
+    def __init__(self, settings: Any, device: torch.device | str, *, seed: int | None = None, **options: Any) -> None:
+        def make(place: int, town: Town, count: int) -> DrivingVecEnv:
+            more = {**options, "camera": mounts_of(count, place)} if settings.cameras else options
+            drawn = None if self._seed is None else np.random.SeedSequence([self._seed, place]).generate_state(1)[0]
+            return training_cars(
+                count, device, settings=thinned(settings, town), town=town, **more,
+                seed=None if drawn is None else int(drawn),
+            )  # fmt: skip
+
+        self._seed = seed
+        self._groups = Groups(settings, make)
         self._actions: NDArray[Any] | None = None
-        super().__init__(self._in(0))
+        super().__init__(self._groups.cars(0))
         self.num_envs = settings.num_envs
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
@@ -122,7 +168,7 @@ class CarsInTowns(VecEnvWrapper):
 
     def reset(self) -> Observations:
         """Start new drives."""
-        return _joined([self._in(group).reset() for group in range(self._groups)])
+        return _joined([cars.reset() for cars in self._groups.all()])
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Keep the actions for :meth:`step_wait`."""
@@ -133,44 +179,41 @@ class CarsInTowns(VecEnvWrapper):
         actions, self._actions = self._actions, None
         if actions is None:
             raise RuntimeError("step_wait: there are no actions; call step_async first, or step")
-        found: list[Any] = []
-        for group, own in enumerate(np.split(actions, self._edges[1:-1])):
-            found.append(self._in(group).step(own))
-        self._steps += 1
-        if self._steps % self._stay == 0 and self._groups < self._count:
-            self._move(self._steps // self._stay % self._groups, found)
+        found: list[Any] = [
+            cars.step(actions[rows]) for cars, rows in zip(self._groups.all(), self._groups.rows, strict=True)
+        ]
+        if (group := self._groups.move()) is not None:
+            seen, rewards, ended, infos = found[group]
+            cut: list[dict[str, Any]] = [
+                infos[i] or {
+                    "verdict": "timeout",
+                    "TimeLimit.truncated": True,
+                    "terminal_observation": {key: seen[key][i] for key in seen},
+                }
+                for i in range(len(infos))
+            ]  # fmt: skip
+            found[group] = self._groups.cars(group).reset(), rewards, np.ones_like(ended), cut
         seen, rewards, ended, infos = zip(*found, strict=True)
         return _joined(seen), np.concatenate(rewards), np.concatenate(ended), [one for some in infos for one in some]
 
+    @property
+    def placed(self) -> list[tuple[Town, NDArray[np.float64]]]:
+        """The town of each group, and where its cars are, as :attr:`DrivingVecEnv.placed`."""
+        return [one for cars in self._groups.all() for one in cars.placed]
+
     def close(self) -> None:
         """Stop the threads."""
-        for cars in self._made.values():
+        for cars in self._groups.made.values():
             cars.close()
 
-    def _move(self, group: int, found: list[Any]) -> None:
-        """Let a group move on to its next town."""
-        seen, rewards, ended, infos = found[group]
-        cut: list[dict[str, Any]] = [
-            infos[i] or {
-                "verdict": "timeout",
-                "TimeLimit.truncated": True,
-                "terminal_observation": {key: seen[key][i] for key in seen},
-            }
-            for i in range(len(infos))
-        ]  # fmt: skip
-        following = self._driving[group] + self._groups
-        self._driving[group] = following if following < self._count else group
-        found[group] = self._in(group).reset(), rewards, np.ones_like(ended), cut
 
-    def _in(self, group: int) -> DrivingVecEnv:
-        """Return the cars of a group in its town."""
-        place = self._driving[group]
-        if place not in self._made:
-            self._made[place] = self._make(place, self._edges[group + 1] - self._edges[group], self._seed)
-        return self._made[place]
+def thinned(settings: _Config, town: Town) -> _Config:
+    """Return some settings with fewer road users, if a town is smaller than Town01: its streets are as full."""
+    share = min(1.0, _metres(town) / _metres(load_town(TRAINING_TOWN)))
+    return replace(settings, vehicles=round(settings.vehicles * share), pedestrians=round(settings.pedestrians * share))
 
 
-def _places(settings: WorldConfig) -> list[Callable[[], Town]]:
+def _places(settings: PlacesConfig) -> list[Callable[[], Town]]:
     """Return the towns of some settings, Town01 first and its sceneries evenly among the others."""
     here = load_town(TRAINING_TOWN)
     known: list[Callable[[], Town]] = [lambda: here]
@@ -179,26 +222,6 @@ def _places(settings: WorldConfig) -> list[Callable[[], Town]]:
     for number, town in enumerate(towns_of(range(settings.towns))):
         places.append(((number + 0.75) / settings.towns, partial(lambda one: one, town)))
     return [known[0], *(town for _, town in sorted(places, key=lambda place: place[0]) if town is not known[0])]
-
-
-def _cars(
-    settings: WorldConfig,
-    device: torch.device | str,
-    options: dict[str, Any],
-    places: list[Callable[[], Town]],
-    place: int,
-    count: int,
-    seed: int | None,
-) -> DrivingVecEnv:
-    """Make the cars of a place. A small town has fewer road users, so that streets are as full everywhere."""
-    town = places[place]()
-    share = min(1.0, _metres(town) / _metres(load_town(TRAINING_TOWN)))
-    here = replace(settings, vehicles=round(settings.vehicles * share), pedestrians=round(settings.pedestrians * share))
-    more = dict(options)
-    if settings.cameras:
-        more["camera"] = mounts_of(count, place)
-    drawn = None if seed is None else int(np.random.SeedSequence([seed, place]).generate_state(1)[0])
-    return training_cars(count, device, settings=here, town=town, seed=drawn, **more)
 
 
 def _metres(town: Town) -> float:

@@ -20,6 +20,7 @@ from wrongturn_agents.training.run import train
 from wrongturn_agents.training.run_directory import BEST
 from wrongturn_lbc.cars import Cars
 from wrongturn_lbc.config import LBCConfig
+from wrongturn_lbc.expert import plan
 from wrongturn_lbc.halves import PRIVILEGED_FILE, picture_loss, round_of, taught
 
 SMALL = (
@@ -138,6 +139,22 @@ class Told(torch.nn.Module):
     def forward(self, observation):
         places = torch.arange(1.0, 5.0).view(1, 4, 1, 1) * torch.tensor([2.0, 0.1])
         return places.expand(len(observation["speed"]), -1, 5, -1)
+
+
+def test_groups_of_cars_move_on_to_other_towns():
+    """Two groups in three towns; each moves after four decisions, in turn, and begins new drives there."""
+    config = LBCConfig(traffic=0.0, sceneries=2, groups=2, stay=4, cameras=True)
+    cars = Cars(8, config, seed=1, pictures=True, device=torch.device("cpu"))
+    keep = torch.tensor([[0.0, 0.3, 0.0]]).expand(8, -1)
+    before, begun = cars.observe(), []
+    for _ in range(4):
+        begun.append(set(cars.step(keep).tolist()))
+        assert {name: len(rows) for name, rows in cars.observe().items()} == dict.fromkeys(before, 8)
+    assert begun[0] == begun[2] == set()
+    assert begun[1] == {4, 5, 6, 7}
+    assert begun[3] == {0, 1, 2, 3}
+    assert plan(cars.situation(cars.observe())).shape == (8, 5, 2)
+    cars.close()
 
 
 def test_a_teacher_tells_all_commands_or_the_experts_for_one():

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-from wrongturn_agents.training.drives_config import CarsConfig
+from wrongturn_agents.training.drives_config import PlacesConfig
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.settings import PIXELS, SHARE, without
 
@@ -14,17 +14,17 @@ _LEAST_WIDTH: Final = 8
 
 
 @dataclass(frozen=True, kw_only=True)
-class LBCConfig(CarsConfig):
+class LBCConfig(PlacesConfig):
     """Settings of a training; the defaults are those of the shipped agents."""
 
     algorithm: ClassVar[str] = "lbc"
     track: ClassVar[str] = "camera"
     RANGES: ClassVar = {
-        **CarsConfig.RANGES,
+        **PlacesConfig.RANGES,
         **dict.fromkeys(("noisy", "offline", "guided", "average", "privileged_share"), SHARE),
         "rounds": (0, 1e12),
     }
-    POSITIVE: ClassVar[tuple[str, ...]] = (*CarsConfig.POSITIVE, "uses")
+    POSITIVE: ClassVar[tuple[str, ...]] = (*PlacesConfig.POSITIVE, "uses")
 
     privileged_samples: int = 4_000_000
     """Samples from which the privileged agent learns."""
@@ -87,6 +87,8 @@ class LBCConfig(CarsConfig):
     """Share of the junctions at which the car has to give way and another one then crosses its way."""
     waiters: float = 0.0
     """Share of the junctions at which a car stands at a stop line."""
+    stay: int = 240
+    """Decisions after which each group moves on to its next town; few, because a sample is learned from many times."""
     evaluations: int = 5
     """Evaluations on held-out journeys in the course of a run, the last one at its end."""
 

@@ -29,6 +29,7 @@ OPTIONS = (
     # So few steps suffice for a short horizon, and for what is learned first: not to leave the road.
     *("gamma=0.9", "reward_divisor=30", "failure_penalty=2", "standing_penalty=2", "standing_cost=0"),
     *("time_limit=8", "inside_junctions=0", "traffic=0", "journeys=1", "brief_journeys=1", "patience=1"),
+    *("sceneries=1", "groups=2"),
 )
 STEPS = 288
 ENOUGH = 2048

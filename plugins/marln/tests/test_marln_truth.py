@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from wrongturn_marln.affordances import FARTHEST
-from wrongturn_marln.truth import RoadTruth
+from wrongturn_marln.truth import RoadTruth, RoadTruths
 from wrongturn_networks import load_town
 from wrongturn_sim import WrongturnVectorEnv
 from wrongturn_sim.roads import roads_of
@@ -27,6 +27,19 @@ def test_a_place_beside_a_lane(truth):
     assert found.distance.item() == pytest.approx(12.0, abs=0.05)
     assert found.lateral.item() == pytest.approx(0.5, abs=0.02)
     assert found.angle.item() == pytest.approx(-0.1, abs=0.02)
+
+
+def test_groups_of_cars_are_each_in_their_own_town(truth):
+    here, there = (WrongturnVectorEnv(3, town, "state", task="cruise") for town in ("Town01", "Town02"))
+    placed = []
+    for envs in (here, there):
+        envs.reset(seed=1)
+        placed.append((envs.town, envs.poses.copy()))
+        envs.close()
+    found = RoadTruths().of([*placed, placed[0]])
+    own = [truth.of(placed[0][1]), RoadTruth(load_town("Town02")).of(placed[1][1])]
+    for together, first, second in zip(found, *own, strict=True):
+        assert together.tolist() == [*first.tolist(), *second.tolist(), *first.tolist()]
 
 
 def test_cars_of_the_privileged_track_know_the_same(truth):

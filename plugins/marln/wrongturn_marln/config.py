@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-from wrongturn_agents.training.drives_config import PretrainedConfig
+from wrongturn_agents.training.drives_config import PlacesConfig, PretrainedConfig
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.settings import PIXELS, SHARE
 from wrongturn_marln.network import FRAMES
@@ -14,13 +14,17 @@ _FEATURES: Final = 2 * 6144
 
 
 @dataclass(frozen=True, kw_only=True)
-class MarlnConfig(PretrainedConfig):
+class MarlnConfig(PretrainedConfig, PlacesConfig):
     """``marln``: ResNet-18 on four pictures, pretrained on affordances and frozen; Rainbow-IQN trains what follows."""
 
     algorithm: ClassVar[str] = "marln"
     track: ClassVar[str] = "camera"
     keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "rgb")
-    RANGES: ClassVar = {**PretrainedConfig.RANGES, **dict.fromkeys(("priority_exponent", "priority_weight"), SHARE)}
+    RANGES: ClassVar = {
+        **PretrainedConfig.RANGES,
+        **PlacesConfig.RANGES,
+        **dict.fromkeys(("priority_exponent", "priority_weight"), SHARE),
+    }
     POSITIVE: ClassVar[tuple[str, ...]] = (
         *PretrainedConfig.POSITIVE,
         "replay_ratio",

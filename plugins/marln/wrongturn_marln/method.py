@@ -6,18 +6,17 @@ import torch
 from torch import Tensor, nn
 
 from wrongturn_agents.shipped_agents import SHIPPED_AGENTS
-from wrongturn_agents.training.cars import training_cars
 from wrongturn_agents.training.method import TrainedAgent
 from wrongturn_agents.training.methods.pretraining import PretrainedMethod, WanderingCars, pretrain
 from wrongturn_agents.training.run import Run
+from wrongturn_agents.training.world import cars_of
 from wrongturn_marln.affordances import Affordances
 from wrongturn_marln.cars import Cars, FrameStack
 from wrongturn_marln.config import MarlnConfig
 from wrongturn_marln.learning import Learner
 from wrongturn_marln.network import Marln, disturb
 from wrongturn_marln.replay import Replay
-from wrongturn_marln.truth import RoadTruth
-from wrongturn_networks import load_town
+from wrongturn_marln.truth import RoadTruths
 
 _ROW: Final = 64
 """Decisions of each car between two rows of ``progress.csv``."""
@@ -56,7 +55,7 @@ class MarlnMethod(PretrainedMethod):
                 model.load_state_dict(state["model"])
                 learner.load_state_dict(state)
         run.begin(model, lambda: {"model": model.state_dict(), **learner.state_dict()})
-        envs = training_cars(None, run.device, settings=config, threads=run.threads, seed=stream)
+        envs = cars_of(config, run.device, threads=run.threads, seed=stream)
         try:
             _drive(run, learner, Cars(envs, model, config, generator), model.width)
         finally:
@@ -70,12 +69,12 @@ def _learn_affordances(run: Run, model: Marln) -> None:
     """Teach the encoder affordances on stacks of pictures, with heads that are not used afterwards."""
     seed = run.stream(0)
     cars = WanderingCars(run.settings, run.device, seed=seed, threads=run.threads, inside_junctions=0.1, time_limit=1.5)
-    stack, truth = FrameStack(), RoadTruth(load_town("Town01"))
+    stack, truth = FrameStack(), RoadTruths()
     parts = nn.ModuleList([model.network, model.affordances])
 
     def pictures() -> dict[str, Tensor]:
         frames = stack.push(cars.observation["rgb"], cars.begun)
-        told = truth.of(cars.envs.poses, run.device)._asdict()
+        told = truth.of(cars.envs.placed, run.device)._asdict()
         return {"frames": frames, "segmentation": cars.step()["segmentation"], **told}
 
     def loss_of(drawn: dict[str, Tensor]) -> Tensor:

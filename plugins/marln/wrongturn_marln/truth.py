@@ -1,5 +1,7 @@
 """The truth about affordances: where a car is on its road, from its pose and the town's geometry."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -36,6 +38,21 @@ class RoadTruth:
             np.arctan2(np.sin(angle), np.cos(angle)),
         )
         return Affordances(*(torch.as_tensor(one.astype(np.float32), device=device) for one in told))
+
+
+class RoadTruths:
+    """Tells the affordances of cars in several towns. The roads of a town are the same in all of its sceneries."""
+
+    def __init__(self) -> None:
+        self._of: dict[str, RoadTruth] = {}
+
+    def of(self, placed: Sequence[tuple[Town, NDArray[np.float64]]], device: torch.device | str = "cpu") -> Affordances:
+        """Return the affordances of poses (n, 3) in each of some towns, one after the other."""
+        for town, _ in placed:
+            if town.name not in self._of:
+                self._of[town.name] = RoadTruth(town)
+        found = [self._of[town.name].of(poses, device) for town, poses in placed]
+        return Affordances(*(torch.cat(column) for column in zip(*found, strict=True)))
 
 
 def _placed(poses: NDArray[np.float64]) -> NDArray[np.float64]:

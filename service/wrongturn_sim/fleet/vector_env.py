@@ -191,6 +191,11 @@ class WrongturnVectorEnv(TrialVectorEnv):
         return self._fleet.steps
 
     @property
+    def town(self) -> Town:
+        """The town of all cars."""
+        return self._fleet.town
+
+    @property
     def poses(self) -> NDArray[np.float64]:
         """Where each car is, (n, 3): x and y of the body's centre in metres, and yaw in radians."""
         return self._fleet.poses

@@ -14,7 +14,7 @@ from torch.optim.lr_scheduler import OneCycleLR
 
 from wrongturn_agents.training.cars import Observations
 from wrongturn_agents.training.checkpoint import load_weights, read, write
-from wrongturn_agents.training.drives_config import DrivesConfig, WorldConfig
+from wrongturn_agents.training.drives_config import DrivesConfig, PlacesConfig
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.method import Method
 from wrongturn_agents.training.methods.averaging import Pool
@@ -74,8 +74,8 @@ class WanderingCars:
     def __init__(
         self, config: DrivesConfig, device: torch.device, *, seed: int, threads: int, **journeys: float
     ) -> None:
-        if isinstance(config, WorldConfig):
-            config = replace(config, stay=min(config.stay, _STAY))
+        if isinstance(config, PlacesConfig):
+            config = replace(config, stay=min(config.stay, _STAY))  # type: ignore[call-arg] # of both classes
         drives = {"near_bends": 0.25, "near_junctions": 0.4, "lateral": 0.7, "yaw": 0.2, **journeys}
         self.envs: Any = cars_of(
             config, device, track="segmentation", keys=("rgb", "segmentation"), threads=threads, seed=seed,
