@@ -110,9 +110,20 @@ def test_an_array_of_slurm_makes_the_file_of_one_run(here: Path):
     assert len(runs[0].trials.keys() | runs[1].trials.keys()) == 24
 
 
+@pytest.fixture(scope="module")
+def single(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The file of an undisturbed run."""
+    folder = tmp_path_factory.mktemp("single")
+    (folder / "batch_agents.py").write_text(AGENTS)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.delenv("WRONGTURN_URL", raising=False)
+        assert batch("Single", "single.json", "--workers", "2").returncode == 0
+    return (folder / "single.json").read_bytes()
+
+
 @pytest.mark.slow
-def test_what_is_killed_or_fails_goes_on_with_what_the_file_has(here: Path):
-    assert batch("Single", "whole.json", "--workers", "2").returncode == 0
+def test_what_is_killed_or_fails_goes_on_with_what_the_file_has(here: Path, single: bytes):
     (here / "kill").write_text("worker")
     died = batch("Kills", "out.json")
     assert "a worker was killed" in died.stderr
@@ -125,15 +136,14 @@ def test_what_is_killed_or_fails_goes_on_with_what_the_file_has(here: Path):
     failed = batch("Fails", "out.json")
     assert "wrongturn: agent: brakes.act raised ValueError: no idea" in failed.stderr
     assert batch("Kills", "out.json").returncode == 0
-    assert (here / "out.json").read_bytes() == (here / "whole.json").read_bytes()
+    assert (here / "out.json").read_bytes() == single
 
 
 @pytest.mark.slow
-def test_a_batch_gives_what_act_gives(here: Path):
-    assert batch("Single", "single.json").returncode == 0
+def test_a_batch_gives_what_act_gives(here: Path, single: bytes):
     batched = batch("Batched", "batched.json")
     assert batched.returncode == 0, batched.stderr
-    assert (here / "single.json").read_bytes() == (here / "batched.json").read_bytes()
+    assert (here / "batched.json").read_bytes() == single
     assert max(map(int, (here / "sizes").read_text().split())) > 1
     assert "brakes.act_batch returned 0 actions for 3 observations" in batch("Short", "short.json").stderr
 

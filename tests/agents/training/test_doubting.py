@@ -64,7 +64,7 @@ def test_a_short_training_beats_chance_in_towns_never_seen(tmp_path: Path, monke
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", DOUBTING_AGENTS)
+@pytest.mark.parametrize("name", [NAME, pytest.param("doubting", marks=pytest.mark.soak)])
 def test_the_file_drives_as_the_parts_do(
     checkpoint: Path, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
