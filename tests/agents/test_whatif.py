@@ -182,7 +182,7 @@ def test_the_command(run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
     # A finished evaluation of a service is swept like its file.
     asked = []
     monkeypatch.setattr(Client, "run_file", lambda _, named: asked.append(named) or RunFile.read(run_file))
-    file.unlink()
+    file.write_text(json.dumps(half))
     whatif("--sweep", "--all", "--json", str(file), source="ev_1a2b")
     assert (asked, json.loads(file.read_bytes())) == (["ev_1a2b"], json.loads(whole))
     assert "is of another run" in whatif("--sweep", "--all", "--every", "1", "--json", str(file), code=1)

