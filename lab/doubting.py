@@ -4,6 +4,7 @@
     python -m lab.doubting disturbed doubting               # disturbed@1
     python -m lab.doubting extended doubting                # wrong-command-extended@1, trials without other road users
     python -m lab.doubting unseen doubting --unheard        # the gate looks on, and the driving agent obeys
+    python -m lab.doubting unseen doubting --camera "2° up" # by another camera
     python -m lab.doubting known runs/doubting-1/best.pt --gate omission=false    # wrong-command@3, a part taken away
     python -m lab.doubting pictures runs/doubting-1/best.pt # what it tells of disturbed pictures
 
@@ -63,7 +64,8 @@ CAMERAS: Final = {
     "focal length 20 % longer": Camera(focal=1.2 * Camera().focal),
     "20 % shorter": Camera(focal=0.8 * Camera().focal),
 }
-"""Cameras with which pictures are examined."""
+"""Cameras with which pictures are examined, or trials driven."""
+USUAL: Final = next(iter(CAMERAS))
 NOISES: Final = (15.0, 30.0)
 _PICTURES: Final = 1024
 _ANSWERED: Final = {str(FaultKind.NONE), str(FaultKind.INFEASIBLE), str(FaultKind.OMISSION)}
@@ -71,7 +73,7 @@ _ANSWERED: Final = {str(FaultKind.NONE), str(FaultKind.INFEASIBLE), str(FaultKin
 _HANDED_OVER: Final = (0.0, 0.1, 0.25, 0.5)
 """Shares of the episodes that somebody else takes over, those of the greatest doubt first."""
 Key = tuple[str, str, bool]
-"""Study, agent, and whether the gate was unheard."""
+"""Study, with its camera if that is not the usual one; agent; and whether the gate was unheard."""
 
 
 class Driven(NamedTuple):
@@ -87,10 +89,10 @@ class Driven(NamedTuple):
     """Doubt at the last decision before the stop line."""
 
 
-def drive(gate: Path, drives: str, unheard: bool, trial: Trial) -> Driven:
+def drive(gate: Path, drives: str, unheard: bool, camera: str, trial: Trial) -> Driven:
     """Drive a trial as a shipped agent behind a gate's file. ``unheard``, the gate looks on only."""
     agent = _agent(gate, drives)
-    episode = Episode(trial, agent.track)
+    episode = Episode(trial, agent.track, camera=CAMERAS[camera])
     seen, replaced, doubt = episode.reset(), 0, 0.0
     agent.reset(observation_space(agent.track))
     assert isinstance(episode.geometry, JudgeGeometry)
@@ -113,18 +115,22 @@ def _agent(gate: Path, drives: str) -> DoubtingAgent:
     return DoubtingAgent(open_session(gate), OnnxAgent(SHIPPED_AGENTS[drives].file))
 
 
-def drive_draw(study: str, secret: str, gate: Path, drives: str, *, unheard: bool) -> list[Driven]:
+def drive_draw(study: str, secret: str, gate: Path, drives: str, *, unheard: bool, camera: str = USUAL) -> list[Driven]:
     """Drive the episodes of a draw that have no other road users."""
     suite = load_suite(SUITES[study])
     build_towns(suite.drawn_towns(secret))
     episodes = [one for one in suite.draw(secret).episodes if not (one.traffic.vehicles or one.traffic.pedestrians)]
     with ProcessPoolExecutor(threads()) as pool:
-        return list(pool.map(partial(drive, gate, drives, unheard), episodes, chunksize=4))
+        return list(pool.map(partial(drive, gate, drives, unheard, camera), episodes, chunksize=4))
 
 
-def run(study: str, asked: str, secrets: Sequence[str], *, unheard: bool, options: Sequence[str]) -> None:
+def run(
+    study: str, asked: str, secrets: Sequence[str], *, unheard: bool, options: Sequence[str], camera: str = USUAL
+) -> None:
     """Drive the draws of a study that are not kept, and keep those of a shipped agent."""
-    said = f"{study} {asked}{' unheard' * unheard}{''.join(f' {one}' for one in options)}"
+    name = study if camera == USUAL else f"{study}, {camera}"
+    said = f"{name}: {asked}{' unheard' * unheard}{''.join(f' {one}' for one in options)}"
+    drive_one = partial(drive_draw, study, unheard=unheard, camera=camera)
     if asked not in DOUBTING_AGENTS:
         loaded = load(asked)
         if loaded.agent.name not in DOUBTING_AGENTS:
@@ -133,20 +139,20 @@ def run(study: str, asked: str, secrets: Sequence[str], *, unheard: bool, option
             gate = Path(folder) / "gate.onnx"
             write_doubting(loaded, gate, "fp16", gate=gate_of(options), whole=False)
             for secret in secrets:
-                found = drive_draw(study, secret, gate, DOUBTING_AGENTS[loaded.agent.name].drives, unheard=unheard)
+                found = drive_one(secret, gate, DOUBTING_AGENTS[loaded.agent.name].drives)
                 print(f"{said}, {secret}: {counts(found)}", flush=True)
         return
     if options:
         raise TrainingError(f"--gate: {asked} is shipped with its gate; name a checkpoint to change it")
     agent, kept = DOUBTING_AGENTS[asked], read()
     files = [sha256(file) for file in agent.files]
-    own: dict[str, Any] = kept.get((study, asked, unheard), {})
+    own: dict[str, Any] = kept.get((name, asked, unheard), {})
     if own.get("files") != files:
         own = {"files": files, "draws": {}}
     for secret in secrets:
         if secret not in own["draws"]:
-            own["draws"][secret] = drive_draw(study, secret, agent.file, agent.drives, unheard=unheard)
-            kept[study, asked, unheard] = own
+            own["draws"][secret] = drive_one(secret, agent.file, agent.drives)
+            kept[name, asked, unheard] = own
             lines = (json.dumps([*key, kept[key]], separators=(",", ":")) for key in sorted(kept))
             FILE.write_text("[" + ",\n".join(lines) + "]\n", "utf-8")
         print(f"{said}, {secret}: {counts([Driven(*one) for one in own['draws'][secret]])}", flush=True)
@@ -241,6 +247,29 @@ def borne_table() -> Table:
     return Table("Doubting agents under disturbances", ("disturbance", *head), rows, note, words=1)
 
 
+def tilted_table() -> Table:
+    """Return what the agents do about wrong commands in towns that nobody has seen, by other cameras."""
+    rows: list[Row] = []
+    for name in DOUBTING_AGENTS:
+        for camera in CAMERAS:
+            driven = episodes_of("unseen" if camera == USUAL else f"unseen, {camera}", name)
+            faulted, twins = _sides(driven)
+            if driven:
+                rows.append(
+                    (
+                        f"`{name}`",
+                        camera,
+                        f"{sum(one.unsafe for one in faulted)} of {len(faulted)}",
+                        f"{sum(one.completed for one in twins)} of {len(twins)}",
+                        f"{sum(one.replaced > 0 for one in twins)} of {len(twins)}",
+                        *_worth(driven),
+                    )
+                )
+    head = ("agent", "camera", "unsafe, strict", "twins completed", "twins with a right direction replaced",
+            "AUROC of the doubt", "Brier score")  # fmt: skip
+    return Table("Doubting agents and other cameras", head, rows, words=2)
+
+
 def doubt_table() -> Table:
     """Return what the doubt is worth: unheard, it looks on while the driving agent obeys."""
     rows: list[Row] = []
@@ -248,23 +277,19 @@ def doubt_table() -> Table:
         for study in ("unseen", "extended"):
             driven = [one for one in episodes_of(study, name, unheard=True) if one.cell in _ANSWERED]
             if driven:
-                doubts = np.array([one.doubt for one in driven])
-                wrong = np.array([one.cell != FaultKind.NONE for one in driven])
-                unsafe = np.array([one.unsafe for one in driven])
+                doubts, unsafe = np.array([one.doubt for one in driven]), np.array([one.unsafe for one in driven])
                 risks = (f"{100 * share:.1f} %" for share in risk(doubts, unsafe, _HANDED_OVER))
-                rows.append(
-                    (
-                        f"`{name}`",
-                        f"`{SUITES[study]}`",
-                        str(len(driven)),
-                        f"{auroc(doubts, wrong):.3f}",
-                        f"{((doubts - wrong) ** 2).mean():.3f}",
-                        *risks,
-                    )
-                )
+                rows.append((f"`{name}`", f"`{SUITES[study]}`", str(len(driven)), *_worth(driven), *risks))
     head = ("doubt of", "suite", "episodes", "AUROC", "Brier score",
             *(f"unsafe, {100 * share:.0f} % handed over" for share in _HANDED_OVER))  # fmt: skip
     return Table("What doubt is worth", head, rows, words=2)
+
+
+def _worth(driven: Sequence[Driven]) -> tuple[str, str]:
+    """Return the AUROC and the Brier score of doubts."""
+    doubts = np.array([one.doubt for one in driven])
+    wrong = np.array([one.cell != FaultKind.NONE for one in driven])
+    return f"{auroc(doubts, wrong):.3f}", f"{((doubts - wrong) ** 2).mean():.3f}"
 
 
 def auroc(scores: Any, positive: Any) -> float:
@@ -281,7 +306,7 @@ def risk(doubts: Any, unsafe: Any, shares: Iterable[float]) -> list[float]:
     return [float(ordered[: round(len(ordered) * (1.0 - share))].mean()) for share in shares]
 
 
-TABLES: Final = {"unseen": unseen_table, "borne": borne_table, "doubt": doubt_table}
+TABLES: Final = {"unseen": unseen_table, "borne": borne_table, "tilted": tilted_table, "doubt": doubt_table}
 """What makes the tables of ``docs/doubting.md``, by name."""
 
 
@@ -292,6 +317,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("agent", help="doubting, doubting-segmentation, or best.pt of 'wrongturn train doubting'")
     parser.add_argument("--secrets", type=int, default=1, metavar="N", help="drive N draws; 1 by default")
     parser.add_argument("--unheard", action="store_true", help="the gate looks on, and the driving agent obeys")
+    parser.add_argument("--camera", choices=CAMERAS, default=USUAL, help="mount the camera otherwise")
     parser.add_argument("--gate", action="append", default=[], metavar="NAME=VALUE", help="setting of a gate")
     asked = parser.parse_args(arguments)
     secrets = [f"doubts {number}" for number in range(1, asked.secrets + 1)]
@@ -299,7 +325,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if asked.study == "pictures":
             examine_pictures(asked.agent)
             return
-        run(asked.study, asked.agent, secrets, unheard=asked.unheard, options=asked.gate)
+        run(asked.study, asked.agent, secrets, unheard=asked.unheard, options=asked.gate, camera=asked.camera)
     except (AgentsError, TrainingError, OSError) as error:
         raise SystemExit(f"lab.doubting: {error}") from error
 
