@@ -57,9 +57,10 @@ def read(name: str) -> dict[str, Any]:
 
 
 def write(name: str, agents: Mapping[str, Any]) -> None:
-    """Write a study, all at once or not at all."""
+    """Write a study, a line for each agent, all at once or not at all."""
     beside = STUDIES / f".{name}.new"
-    beside.write_text(json.dumps({**_of(), "agents": agents}, indent=1) + "\n", "utf-8")
+    lines = (f"{json.dumps(one)}:{json.dumps(found, separators=(',', ':'))}" for one, found in agents.items())
+    beside.write_text(json.dumps({**_of(), "agents": {}})[:-2] + "\n" + ",\n".join(lines) + "}}\n", "utf-8")
     beside.replace(STUDIES / f"{name}.json")
 
 
