@@ -65,7 +65,7 @@ CAMERAS: Final = {
     "20 % shorter": Camera(focal=0.8 * Camera().focal),
 }
 """Cameras with which pictures are examined, or trials driven."""
-USUAL: Final = next(iter(CAMERAS))
+USUAL: Final = "as it is"
 NOISES: Final = (15.0, 30.0)
 _PICTURES: Final = 1024
 _ANSWERED: Final = {str(FaultKind.NONE), str(FaultKind.INFEASIBLE), str(FaultKind.OMISSION)}
@@ -130,7 +130,7 @@ def run(
     """Drive the draws of a study that are not kept, and keep those of a shipped agent."""
     name = study if camera == USUAL else f"{study}, {camera}"
     said = f"{name}: {asked}{' unheard' * unheard}{''.join(f' {one}' for one in options)}"
-    drive_one = partial(drive_draw, study, unheard=unheard, camera=camera)
+    drive_secret = partial(drive_draw, study, unheard=unheard, camera=camera)
     if asked not in DOUBTING_AGENTS:
         loaded = load(asked)
         if loaded.agent.name not in DOUBTING_AGENTS:
@@ -139,7 +139,7 @@ def run(
             gate = Path(folder) / "gate.onnx"
             write_doubting(loaded, gate, "fp16", gate=gate_of(options), whole=False)
             for secret in secrets:
-                found = drive_one(secret, gate, DOUBTING_AGENTS[loaded.agent.name].drives)
+                found = drive_secret(secret, gate, DOUBTING_AGENTS[loaded.agent.name].drives)
                 print(f"{said}, {secret}: {counts(found)}", flush=True)
         return
     if options:
@@ -151,7 +151,7 @@ def run(
         own = {"files": files, "draws": {}}
     for secret in secrets:
         if secret not in own["draws"]:
-            own["draws"][secret] = drive_one(secret, agent.file, agent.drives)
+            own["draws"][secret] = drive_secret(secret, agent.file, agent.drives)
             kept[name, asked, unheard] = own
             lines = (json.dumps([*key, kept[key]], separators=(",", ":")) for key in sorted(kept))
             FILE.write_text("[" + ",\n".join(lines) + "]\n", "utf-8")
@@ -317,9 +317,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("agent", help="doubting, doubting-segmentation, or best.pt of 'wrongturn train doubting'")
     parser.add_argument("--secrets", type=int, default=1, metavar="N", help="drive N draws; 1 by default")
     parser.add_argument("--unheard", action="store_true", help="the gate looks on, and the driving agent obeys")
-    parser.add_argument("--camera", choices=CAMERAS, default=USUAL, help="mount the camera otherwise")
+    parser.add_argument("--camera", choices=CAMERAS, default=USUAL, help="drive 'unseen' by another camera")
     parser.add_argument("--gate", action="append", default=[], metavar="NAME=VALUE", help="setting of a gate")
     asked = parser.parse_args(arguments)
+    if asked.camera != USUAL and asked.study != "unseen":
+        parser.error(f"--camera: is for the study 'unseen', not for {asked.study!r}")
     secrets = [f"doubts {number}" for number in range(1, asked.secrets + 1)]
     try:
         if asked.study == "pictures":

@@ -150,15 +150,15 @@ def test_a_service_that_lies_is_found_out(
     drives = "--rejudge", "--trajectories", str(tmp_path / "drives")
     assert verify(certificate, "--url", service.url, *drives).exit_code == 0
     episodes = copy.deepcopy(record["episodes"])
-    better = next(one for one in episodes if one["trajectory_sha256"] and one["outcome"]["verdict"] != "aborted")
-    better["outcome"] |= {"verdict": "stopped_before_junction", "exit": None}
+    lied = next(one for one in episodes if one["trajectory_sha256"] and one["outcome"]["verdict"] != "aborted")
+    lied["outcome"] |= {"verdict": "stopped_before_junction", "exit": None}
     outcomes = {one.trial.id: one.outcome for one in Record.model_validate({**record, "episodes": episodes}).episodes}
     metrics = compute(load_suite("smoke@3").draw(record["secret"]), outcomes).model_dump(mode="json")
     lie = signed(episodes=episodes, metrics=metrics)
     assert verify(lie, *trusted).exit_code == 0
     judged = verify(lie, *trusted, *drives)
     assert judged.exit_code == 1
-    said = f"trajectories: episodes[{episodes.index(better)}].outcome.verdict: is 'stopped_before_junction', not "
+    said = f"trajectories: episodes[{episodes.index(lied)}].outcome.verdict: is 'stopped_before_junction', not "
     assert said in judged.stdout
     shown = verify(lie, *trusted, "--url", service.url)
     assert (shown.exit_code, "record: record." in shown.stdout) == (1, True), shown.output

@@ -49,7 +49,7 @@ class Cars:
     def observe(self) -> dict[str, Tensor]:
         """Return the privileged observation (count, ...), and ``rgb`` if there are pictures. Steps do not change it."""
         seen = [cars.observe() for cars in self._groups.all()]
-        return {name: torch.cat([one[name] for one in seen]) for name in seen[0]}
+        return seen[0] if len(seen) == 1 else {name: torch.cat([one[name] for one in seen]) for name in seen[0]}
 
     def situation(self, observation: dict[str, Tensor], *, copies: int = 1) -> Situation:
         """Return what the expert knows of the cars in their observation, or in several, one after the other."""
@@ -68,8 +68,9 @@ class Cars:
         groups = zip(self._groups.all(), self._groups.rows, strict=True)
         begun = [rows.start + cars.step(clipped[rows], self.ended) for cars, rows in groups]
         if (group := self._groups.move()) is not None:
-            self._groups.cars(group).begin()
             rows = self._groups.rows[group]
+            self.ended += ["timeout"] * (rows.stop - rows.start - len(begun[group]))  # the move cuts their drives off
+            self._groups.cars(group).begin()
             begun[group] = np.arange(rows.start, rows.stop)
         return np.concatenate(begun)
 

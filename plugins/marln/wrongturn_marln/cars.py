@@ -4,9 +4,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor
 
-from wrongturn_agents.training.cars import DrivingVecEnv, Observations
+from wrongturn_agents.training.cars import Observations
 from wrongturn_marln.config import MarlnConfig
 from wrongturn_marln.network import ACTIONS, FRAMES, Marln
 from wrongturn_marln.replay import Decisions
@@ -42,7 +43,7 @@ class _Seen(NamedTuple):
 class Cars:
     """Drives all cars by a network's best actions, with noise. Its encoder is frozen."""
 
-    def __init__(self, envs: DrivingVecEnv, model: Marln, config: MarlnConfig, generator: torch.Generator) -> None:
+    def __init__(self, envs: VecEnv, model: Marln, config: MarlnConfig, generator: torch.Generator) -> None:
         self.envs, self._model, self._config = envs, model, config
         self._generator, self._device = generator, generator.device
         self._stack = FrameStack()

@@ -64,7 +64,9 @@ def test_a_short_training_beats_chance_in_towns_never_seen(tmp_path: Path, monke
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [NAME, pytest.param("doubting", marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=() if one == NAME else pytest.mark.soak) for one in DOUBTING_AGENTS]
+)
 def test_the_file_drives_as_the_parts_do(
     checkpoint: Path, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
