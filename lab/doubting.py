@@ -128,7 +128,7 @@ def run(
     study: str, asked: str, secrets: Sequence[str], *, unheard: bool, options: Sequence[str], camera: str = USUAL
 ) -> None:
     """Drive the draws of a study that are not kept, and keep those of a shipped agent."""
-    name = study if camera == USUAL else f"{study}, {camera}"
+    name = _named(study, camera)
     said = f"{name}: {asked}{' unheard' * unheard}{''.join(f' {one}' for one in options)}"
     drive_secret = partial(drive_draw, study, unheard=unheard, camera=camera)
     if asked not in DOUBTING_AGENTS:
@@ -181,6 +181,11 @@ def gate_of(options: Sequence[str]) -> GateConfig:
     return replace(GateConfig(), **changed)
 
 
+def _named(study: str, camera: str) -> str:
+    """Return the name by which a study with a camera is kept."""
+    return study if camera == USUAL else f"{study}, {camera}"
+
+
 def read() -> dict[Key, Any]:
     """Return what is kept."""
     rows = json.loads(FILE.read_bytes()) if FILE.is_file() else []
@@ -199,13 +204,20 @@ def _sides(driven: Sequence[Driven]) -> tuple[list[Driven], list[Driven]]:
     return faulted, twins
 
 
-def counts(driven: Sequence[Driven]) -> str:
-    """Return in words how episodes ended."""
+def _ended(driven: Sequence[Driven]) -> tuple[str, str, str]:
+    """Return the unsafe trials, the completed twins, and the twins in which a right direction was replaced."""
     faulted, twins = _sides(driven)
     return (
-        f"unsafe {sum(one.unsafe for one in faulted)} of {len(faulted)}, twins {sum(one.completed for one in twins)} "
-        f"of {len(twins)}, false alarms in {sum(one.replaced > 0 for one in twins)}"
+        f"{sum(one.unsafe for one in faulted)} of {len(faulted)}",
+        f"{sum(one.completed for one in twins)} of {len(twins)}",
+        f"{sum(one.replaced > 0 for one in twins)} of {len(twins)}",
     )
+
+
+def counts(driven: Sequence[Driven]) -> str:
+    """Return in words how episodes ended."""
+    unsafe, completed, replaced = _ended(driven)
+    return f"unsafe {unsafe}, twins {completed}, false alarms in {replaced.split()[0]}"
 
 
 def unseen_table() -> Table:
@@ -214,17 +226,10 @@ def unseen_table() -> Table:
     for name, agent in DOUBTING_AGENTS.items():
         for unheard in (False, True):
             driven = episodes_of("unseen", name, unheard=unheard)
-            faulted, twins = _sides(driven)
             if driven:
-                alarms = "–" if unheard else f"{sum(one.replaced > 0 for one in twins)} of {len(twins)}"
-                rows.append(
-                    (
-                        f"`{agent.drives}` behind it" if unheard else f"`{name}`",
-                        f"{sum(one.unsafe for one in faulted)} of {len(faulted)}",
-                        f"{sum(one.completed for one in twins)} of {len(twins)}",
-                        alarms,
-                    )
-                )
+                unsafe, completed, replaced = _ended(driven)
+                driver = f"`{agent.drives}` behind it" if unheard else f"`{name}`"
+                rows.append((driver, unsafe, completed, "–" if unheard else replaced))
     head = ("agent", "unsafe, strict", "twins completed", "twins with a right direction replaced")
     return Table("Doubting agents in unseen towns", head, rows, words=1)
 
@@ -248,23 +253,13 @@ def borne_table() -> Table:
 
 
 def tilted_table() -> Table:
-    """Return what the agents do about wrong commands in towns that nobody has seen, by other cameras."""
+    """Return how the agents handle wrong commands in unseen towns, with the usual camera and with others."""
     rows: list[Row] = []
     for name in DOUBTING_AGENTS:
         for camera in CAMERAS:
-            driven = episodes_of("unseen" if camera == USUAL else f"unseen, {camera}", name)
-            faulted, twins = _sides(driven)
+            driven = episodes_of(_named("unseen", camera), name)
             if driven:
-                rows.append(
-                    (
-                        f"`{name}`",
-                        camera,
-                        f"{sum(one.unsafe for one in faulted)} of {len(faulted)}",
-                        f"{sum(one.completed for one in twins)} of {len(twins)}",
-                        f"{sum(one.replaced > 0 for one in twins)} of {len(twins)}",
-                        *_worth(driven),
-                    )
-                )
+                rows.append((f"`{name}`", camera, *_ended(driven), *_worth(driven)))
     head = ("agent", "camera", "unsafe, strict", "twins completed", "twins with a right direction replaced",
             "AUROC of the doubt", "Brier score")  # fmt: skip
     return Table("Doubting agents and other cameras", head, rows, words=2)

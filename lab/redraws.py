@@ -70,8 +70,8 @@ def separation_table() -> Table:
         rows.append((f"`{a}`, `{b}`", means, *shares))
     head = ("agents", "mean unsafe of 60", "ranks by the interval", "ranks by Wilson's", "exact test at 5 %")
     note = (
-        "Share of all pairs of draws, one of each agent, in which the two are told apart. Agents that all three always "
-        "tell apart are left out."
+        "Take each pair of draws, one of each agent. A percentage says in how many pairs a method tells the two agents "
+        "apart. Two agents that all three methods always tell apart have no row."
     )
     return Table("Agents told apart", head, rows, note if rows else "", words=1)
 

@@ -133,7 +133,7 @@ def test_a_wheel_has_the_parts_files_and_no_others(wheels: Wheels, name: str) ->
 @pytest.mark.soak
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("name", [f"wrongturn-{part}" for part in SOURCES if part not in BUILT])
-def test_so_has_each_other_wheel(all_wheels: Wheels, name: str) -> None:
+def test_the_other_wheels_have_their_files_too(all_wheels: Wheels, name: str) -> None:
     check_files(all_wheels, name)
 
 

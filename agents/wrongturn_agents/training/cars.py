@@ -108,7 +108,7 @@ class DrivingVecEnv(WrongturnVecEnv):
         return tensors, scaled, ended, infos
 
     @property
-    def placed(self) -> list[tuple[Town, NDArray[np.float64]]]:
+    def poses_by_town(self) -> list[tuple[Town, NDArray[np.float64]]]:
         """The town, and where each car is, (n, 3): x and y of the body's centre in metres, and yaw in radians."""
         return [(self._batch.town, self._batch.poses)]
 

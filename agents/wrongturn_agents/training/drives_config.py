@@ -16,7 +16,7 @@ MOST_ROAD_USERS: Final = 200
 
 @dataclass(frozen=True, kw_only=True)
 class CarsConfig(Settings):
-    """The curriculum of cars that cruise about Town01: where they start, and whom they meet. And the evaluations."""
+    """The curriculum of cars that cruise about towns: where they start, and whom they meet. And the evaluations."""
 
     RANGES: ClassVar = dict.fromkeys(_SHARES, SHARE) | dict.fromkeys(("vehicles", "pedestrians"), (0, MOST_ROAD_USERS))
     POSITIVE: ClassVar[tuple[str, ...]] = ("learning_rate", "time_limit", "window_nearest")
@@ -188,7 +188,7 @@ class PretrainedConfig(DrivesConfig):
     augment: bool = True
     """Ablation: augment RGB (erasing, blur, hue, saturation, brightness), in pretraining and while driving."""
     pretraining_frames: int = 131_000
-    """Frames, or stacks of them, of random places in Town01 for the encoder's pretraining."""
+    """Frames, or stacks of them, of random places for the encoder's pretraining."""
     pretraining_passes: float = 3.0
     """Number of times that each frame is used, on average."""
     pretraining_batch: int = 512

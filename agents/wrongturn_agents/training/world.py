@@ -107,7 +107,7 @@ class Groups(Generic[_Cars]):
     """
 
     def __init__(self, settings: PlacesConfig, make: Callable[[int, Town, int], _Cars]) -> None:
-        """``make(place, town, count)`` makes the cars of a group in the town of a place, which has that number."""
+        """``make(place, town, count)`` makes so many cars in a town; ``place`` numbers the town and its scenery."""
         self._places = _places(settings)
         groups = min(settings.groups, len(self._places), settings.num_envs)
         edges = np.linspace(0, settings.num_envs, groups + 1).astype(int).tolist()
@@ -141,7 +141,7 @@ class Groups(Generic[_Cars]):
 
 
 class CarsInTowns(VecEnvWrapper):
-    """The cars of a learner that drives in many towns. When a group moves on, its drives are cut off as by their time.
+    """The cars of a learner that drives in many towns. When a group moves on, its drives end as at their time limit.
 
     ``settings`` are of :class:`DrivesConfig` and :class:`PlacesConfig` both.
     """
@@ -151,7 +151,7 @@ class CarsInTowns(VecEnvWrapper):
             more = {**options, "camera": mounts_of(count, place)} if settings.cameras else options
             drawn = None if self._seed is None else np.random.SeedSequence([self._seed, place]).generate_state(1)[0]
             return training_cars(
-                count, device, settings=thinned(settings, town), town=town, **more,
+                count, device, settings=with_fewer_road_users(settings, town), town=town, **more,
                 seed=None if drawn is None else int(drawn),
             )  # fmt: skip
 
@@ -197,9 +197,9 @@ class CarsInTowns(VecEnvWrapper):
         return _joined(seen), np.concatenate(rewards), np.concatenate(ended), [one for some in infos for one in some]
 
     @property
-    def placed(self) -> list[tuple[Town, NDArray[np.float64]]]:
-        """The town of each group, and where its cars are, as :attr:`DrivingVecEnv.placed`."""
-        return [one for cars in self._groups.all() for one in cars.placed]
+    def poses_by_town(self) -> list[tuple[Town, NDArray[np.float64]]]:
+        """The town of each group, and where its cars are, as :attr:`DrivingVecEnv.poses_by_town`."""
+        return [one for cars in self._groups.all() for one in cars.poses_by_town]
 
     def close(self) -> None:
         """Stop the threads."""
@@ -207,7 +207,7 @@ class CarsInTowns(VecEnvWrapper):
             cars.close()
 
 
-def thinned(settings: _Config, town: Town) -> _Config:
+def with_fewer_road_users(settings: _Config, town: Town) -> _Config:
     """Return some settings with fewer road users, if a town is smaller than Town01: its streets are as full."""
     share = min(1.0, _metres(town) / _metres(load_town(TRAINING_TOWN)))
     return replace(settings, vehicles=round(settings.vehicles * share), pedestrians=round(settings.pedestrians * share))

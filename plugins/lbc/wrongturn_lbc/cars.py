@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wrongturn_agents.training.cars import cruises
-from wrongturn_agents.training.world import Groups, mounts_of, thinned
+from wrongturn_agents.training.world import Groups, mounts_of, with_fewer_road_users
 from wrongturn_lbc.config import LBCConfig
 from wrongturn_lbc.expert import Situation, situation
 from wrongturn_networks import Town
@@ -35,10 +35,8 @@ class Cars:
         random = np.random.default_rng(seed)
 
         def make(place: int, town: Town, count: int) -> _TownCars:
-            mounts = [Camera()] if pictures else []
-            if pictures and config.cameras:
-                mounts = mounts_of(count, place)
-            return _TownCars(count, config, town, random, mounts, device, threads)
+            mounts = mounts_of(count, place) if config.cameras else Camera()
+            return _TownCars(count, config, town, random, mounts if pictures else None, device, threads)
 
         self.count, self.device = count, device
         self._groups = Groups(replace(config, num_envs=count), make)
@@ -89,17 +87,17 @@ class _TownCars:
         config: LBCConfig,
         town: Town,
         random: np.random.Generator,
-        mounts: list[Camera],
+        mounts: Camera | list[Camera] | None,
         device: torch.device,
         threads: int,
     ) -> None:
-        options = cruises(thinned(config, town))
+        options = cruises(with_fewer_road_users(config, town))
         beside = options.pop("own_traffic", None)
         self._source = TrialSource(TrialOptions.of(town.name, Track.PRIVILEGED, **options), town)
         self._random, self._device = random, device
         self.fleet = Fleet(town, count, Track.PRIVILEGED, threads=threads, strict=True, record=False, traffic=beside)
         backend = "cuda" if device.type == "cuda" else "cpu"
-        self._camera = FleetCamera(self.fleet, mounts, Track.CAMERA, threads, backend) if mounts else None
+        self._camera = FleetCamera(self.fleet, mounts, Track.CAMERA, threads, backend) if mounts is not None else None
 
     def observe(self) -> dict[str, Tensor]:
         seen = {name: torch.from_numpy(array).to(self._device, copy=True)

@@ -74,7 +74,7 @@ def _learn_affordances(run: Run, model: Marln) -> None:
 
     def pictures() -> dict[str, Tensor]:
         frames = stack.push(cars.observation["rgb"], cars.begun)
-        told = truth.of(cars.envs.placed, run.device)._asdict()
+        told = truth.of(cars.envs.poses_by_town, run.device)._asdict()
         return {"frames": frames, "segmentation": cars.step()["segmentation"], **told}
 
     def loss_of(drawn: dict[str, Tensor]) -> Tensor:

@@ -46,12 +46,14 @@ class RoadTruths:
     def __init__(self) -> None:
         self._of: dict[str, RoadTruth] = {}
 
-    def of(self, placed: Sequence[tuple[Town, NDArray[np.float64]]], device: torch.device | str = "cpu") -> Affordances:
+    def of(
+        self, poses_by_town: Sequence[tuple[Town, NDArray[np.float64]]], device: torch.device | str = "cpu"
+    ) -> Affordances:
         """Return the affordances of poses (n, 3) in each of some towns, one after the other."""
-        for town, _ in placed:
+        for town, _ in poses_by_town:
             if town.name not in self._of:
                 self._of[town.name] = RoadTruth(town)
-        found = [self._of[town.name].of(poses, device) for town, poses in placed]
+        found = [self._of[town.name].of(poses, device) for town, poses in poses_by_town]
         return Affordances(*(torch.cat(column) for column in zip(*found, strict=True)))
 
 

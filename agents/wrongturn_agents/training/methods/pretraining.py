@@ -75,7 +75,7 @@ class WanderingCars:
         self, config: DrivesConfig, device: torch.device, *, seed: int, threads: int, **journeys: float
     ) -> None:
         if isinstance(config, PlacesConfig):
-            config = replace(config, stay=min(config.stay, _STAY))  # type: ignore[call-arg] # of both classes
+            config = replace(config, stay=min(config.stay, _STAY))  # type: ignore[call-arg] # mypy knows the first class
         drives = {"near_bends": 0.25, "near_junctions": 0.4, "lateral": 0.7, "yaw": 0.2, **journeys}
         self.envs: Any = cars_of(
             config, device, track="segmentation", keys=("rgb", "segmentation"), threads=threads, seed=seed,
