@@ -181,7 +181,9 @@ class AuxiliaryConfig(PPOConfig):
     encoder_learning_rate: float = 0.2
     """Share of the learning rate for the ResNet's convolutions, which need smaller steps."""
     projection: str = "relu"
-    """End of the layer from 6,144 to 512, as in ``ppo-image``: ``elu`` was not tried long enough here."""
+    """End of the layer from 6,144 to 512: ``relu``, or ``elu`` as in ``ppo-image``. ``elu`` was tried in drawn towns
+    only, where four of five seeds did not learn all commands in 18 minutes (``docs/training.md``).
+    """
     projection_learning_rate: float = 0.1
     """Share of the learning rate for that layer. With ``relu`` at 1, most of its outputs die."""
     ent_coef: float = 0.003
