@@ -197,6 +197,7 @@ def test_a_town_and_a_suite_are_found_by_all_that_take_a_name(
     play(story)
 
 
+@pytest.mark.soak
 def test_processes_drive_a_suite_in_a_town_of_other_packages(town_and_suite: Path, tmp_path: Path) -> None:
     file = tmp_path / "run.json"
     command = [sys.executable, "-m", "wrongturn_client", "run", "careful", "--suite", "rainy@1", "--json", str(file)]

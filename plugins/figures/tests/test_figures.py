@@ -45,6 +45,7 @@ def test_trajectories_are_drawn_over_their_type_and_fault(run):
     assert len(looks) == len({dash for dash, _ in looks}) == len({marker for _, marker in looks}) == 2
 
 
+@pytest.mark.soak
 def test_a_cross_lies_where_the_road_was_left():
     run = evaluation_record.of_run(driven_run(leaves_the_road, suite="wrong-command@3"))
     drives = {}

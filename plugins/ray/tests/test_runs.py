@@ -49,7 +49,7 @@ def test_a_run_on_a_node_leaves_its_files_here(cluster):
     assert [path.name for path in Path("runs").iterdir()] == ["counting-4"]
 
 
-@pytest.mark.parametrize("address", ["127.0.0.1:1", "127.0.0.1:99999", "nowhere"])
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "127.0.0.1:99999", pytest.param("nowhere", marks=pytest.mark.soak)])
 def test_a_cluster_that_is_not_there_is_named(address, monkeypatch):
     monkeypatch.setenv("RAY_ADDRESS", address)
     assert f"no cluster at '{address}'" in str(trained("counting", "--ray").exception)
