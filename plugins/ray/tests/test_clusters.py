@@ -28,6 +28,8 @@ from wrongturn_service.settings import Settings
 
 pytestmark = pytest.mark.slow
 EPISODES = 12
+OFTEN = "crash"
+"""The upload of the corpus that every run of the tests has."""
 TRACK = {"track": "camera", "traffic": {"vehicles": 3}}
 
 
@@ -115,7 +117,7 @@ def test_a_node_without_a_sandbox_drives_nothing_and_the_service_says_so(serving
 
 
 @pytest.mark.parametrize(
-    "case", [pytest.param(case, id=case.name, marks=() if case.name == "crash" else pytest.mark.soak) for case in CORPUS]
+    "case", [pytest.param(case, id=case.name, marks=() if case.name == OFTEN else pytest.mark.soak) for case in CORPUS]
 )
 def test_hostile_uploads_fail_with_their_reasons(owner: Owner, tmp_path: Path, case: Case) -> None:
     reason = outcome(owner, case, tmp_path).lower()
