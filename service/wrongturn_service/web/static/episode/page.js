@@ -133,17 +133,18 @@ function start(detail, drives) {
       status.textContent = "Copy the address of this page from the browser’s address bar: it has the time.";
     }
   });
-  const jump = () => {
-    const time = timeIn(location.hash);
+  const jump = (url) => {
+    const time = timeIn(new URL(url).hash);
     if (time !== null) seek(time / STEP);
   };
-  window.addEventListener("hashchange", jump);
+  // At rest, the replay may have written its own time into the address before the event comes; the event has yours.
+  window.addEventListener("hashchange", ({ newURL }) => jump(newURL));
   follow.addEventListener("change", () => draw(player.position));
   window.addEventListener("resize", again);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
   place();
   player.move(0);
-  jump();
+  jump(location.href);
   performance.mark("interactive");
   section.dataset.ready = "";
 }
