@@ -200,8 +200,8 @@ def doubting_card(agent: ShippedAgent, facts: Facts) -> str:
         f"# {agent.name}",
         f"{agent.description} An agent of this project, not of a paper; `docs/doubting.md` describes it.",
         "**It was made for wrong commands.** It learned from places that a car reaches after a wrong command, and its "
-        "gate was written for the faults of this benchmark. The leaderboard marks it with † (`trained_on_faults`). "
-        "Compare it with other agents that are so marked.",
+        "gate and its compensation were written for the faults of this benchmark. The leaderboard marks it with † "
+        "(`trained_on_faults`). Compare it with other agents that are so marked.",
         _table(
             {
                 "file": f"`{agent.file.name}`, {agent.file.stat().st_size / 1e6:.1f} MB, beside `{agent.drives}.onnx`, "
@@ -209,7 +209,7 @@ def doubting_card(agent: ShippedAgent, facts: Facts) -> str:
                 "sha256": f"`{_sha256(agent.file)}`",
                 f"sha256 of `{agent.drives}.onnx`": f"`{_sha256(agent.files[1])}`",
                 "track": f"`{agent.track}`",
-                "memory": "8 numbers, within an episode",
+                "memory": "8 numbers of the gate and 64 of the compensation, within an episode",
                 "licence": said["licence"],
             }
         ),
@@ -231,9 +231,10 @@ def doubting_card(agent: ShippedAgent, facts: Facts) -> str:
         "## How it drives",
         _draws(agent),
         "## Limits",
-        f"It drives as `{agent.drives}` does; the card of `{agent.drives}` has more. It knows junctions with three and "
-        "four arms at right angles. If the road has the exit of a wrong command, it cannot know that the command is "
-        "wrong. Its doubt never saw traffic. It is for research on this benchmark alone, and not fit to drive a car.",
+        f"But for the compensation it drives as `{agent.drives}` does; the card of `{agent.drives}` has more. It knows "
+        "junctions with three and four arms at right angles. If the road has the exit of a wrong command, it cannot "
+        "know that the command is wrong. Its doubt never saw traffic. It is for research on this benchmark alone, and "
+        "not fit to drive a car.",
         "## Licence",
         f"{said['licence']}, as the rest of the package.",
     )

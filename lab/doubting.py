@@ -90,7 +90,7 @@ class Driven(NamedTuple):
 
 
 def drive(gate: Path, drives: str, unheard: bool, camera: str, trial: Trial) -> Driven:
-    """Drive a trial as a shipped agent behind a gate's file. ``unheard``, the gate looks on only."""
+    """Drive a trial as a shipped agent behind a gate's file. ``unheard``, the gate only looks on."""
     agent = _agent(gate, drives)
     episode = Episode(trial, agent.track, camera=CAMERAS[camera])
     seen, replaced, doubt = episode.reset(), 0, 0.0
@@ -101,7 +101,7 @@ def drive(gate: Path, drives: str, unheard: bool, camera: str, trial: Trial) -> 
         before = episode.geometry.beside_approach(row.x, row.y)[0] + VEHICLE.half_length < 0.0
         given = Command(int(seen["command"][0]))
         obeyed = agent.question(seen)
-        action: Any = agent.driving.act(seen if unheard else {**seen, "command": obeyed})
+        action: Any = agent.driving.act(seen) if unheard else agent.drive(seen, obeyed)
         replaced += given in DIRECTIONS and agent.obeyed in DIRECTIONS and agent.obeyed != given
         doubt = agent.doubt or 0.0 if before else doubt
         seen = episode.step(action.steer, action.throttle, action.brake).observation

@@ -1,8 +1,8 @@
 """Agents that question their command: a small file that doubts, and a trained agent that drives behind it.
 
 The file sees what the trained agent sees. From the picture it tells how far the next junction is and which exits it
-has, and hands on a command that the road offers. ``docs/doubting.md`` says how. ``wrongturn export`` writes both as one
-ONNX file.
+has, and hands on a command that the road offers. A compensation makes up for wheels that turn too much or too little,
+and for a late view. ``docs/doubting.md`` says how. ``wrongturn export`` writes all of it as one ONNX file.
 """
 
 from typing import Any, Final
@@ -11,8 +11,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from wrongturn_agents.compensation import MEMORY, compensated
 from wrongturn_agents.onnx_agent import OnnxAgent
-from wrongturn_protocol import ActionLike, Track
+from wrongturn_protocol import Action, ActionLike, Track
 from wrongturn_protocol.model_contract import DOUBT, STATE_IN, STATE_OUT
 from wrongturn_protocol.observations import Observation
 
@@ -37,6 +38,7 @@ class DoubtingAgent:
         self._inputs = tuple(name for name in shapes if name != STATE_IN)
         self._nothing: NDArray[np.float32] = np.zeros((1, *shapes[STATE_IN][1:]), np.float32)
         self._memory = self._nothing
+        self._compensation: NDArray[np.float32] = np.zeros((1, MEMORY), np.float32)
         self.obeyed: int | None = None
         """Number of the command that the driving agent got at the last step; None before the first."""
         self.doubt: float | None = None
@@ -45,11 +47,24 @@ class DoubtingAgent:
     def reset(self, observation_space: spaces.Space[Any]) -> None:
         """Forget the last episode."""
         self._memory, self.obeyed, self.doubt = self._nothing, None, None
+        self._compensation = np.zeros_like(self._compensation)
         self.driving.reset(observation_space)
 
     def act(self, observation: Observation) -> ActionLike:
-        """Return the driving agent's action under the command that the road offers."""
-        return self.driving.act({**observation, "command": self.question(observation)})
+        """Return the driving agent's action under the command that the road offers, as the car needs it."""
+        return self.drive(observation, self.question(observation))
+
+    def drive(self, observation: Observation, command: NDArray[np.int64]) -> Action:
+        """Return the driving agent's action under a command, (1,), as the car needs it."""
+        asked: Any = self.driving.act({**observation, "command": command})
+        action, self._compensation = compensated(
+            np,
+            np.array([[asked.steer, asked.throttle, asked.brake]], np.float32),
+            np.asarray(observation["steering"])[None],
+            np.asarray(observation["speed"])[None],
+            self._compensation,
+        )
+        return Action(*action[0].tolist())
 
     def question(self, observation: Observation) -> NDArray[np.int64]:
         """Return the command that the road offers, (1,), and remember the doubt."""

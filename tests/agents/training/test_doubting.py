@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from gymnasium.vector import AutoresetMode
 from small_run import HERE
 
 pytest.importorskip("onnxruntime")
@@ -29,7 +28,7 @@ from wrongturn_agents.training.progress import read_rows
 from wrongturn_agents.training.run import train
 from wrongturn_agents.training.score import score, score_agent
 from wrongturn_networks import load_suite, load_town
-from wrongturn_sim import WrongturnVectorEnv
+from wrongturn_sim import WrongturnSimEnv
 
 PICTURES, ENOUGH = 256, 5_120
 OPTIONS = ("batch_size=64", "learning_rate=2e-3", "warm_up=10", "average=0.95", "augment=false")
@@ -79,43 +78,35 @@ def test_the_file_drives_as_the_parts_do(
     (tmp_path / f"{drives}.onnx").symlink_to(SHIPPED_AGENTS[drives].file)
     monkeypatch.setattr("wrongturn_agents.shipped_agents.WEIGHTS", tmp_path)
     source, in_one = resolve(name), resolve(str(whole))
-    assert source.trained_on_faults
-    assert in_one.trained_on_faults
+    assert all(one.trained_on_faults for one in (source, in_one))
     assert (source.name, source.track) == (in_one.name, in_one.track)
     agent, shipped, beside = in_one.make(), source.make(), source.make()
     told = load(checkpoint).told["evaluation"]["temperatures"]
     parts = GatedDoubt(load(checkpoint).model, Gate(), (told["exits"], told["line"])).eval()
     driving = resolve(drives).make()
     commands = set()
-    envs = WrongturnVectorEnv(
-        1, "Town01", source.track, fault="infeasible", autoreset_mode=AutoresetMode.DISABLED, record=False
-    )
-    for seed in (1, 3):
-        observation, _ = envs.reset(seed=seed)
-        first = {name: array[0].copy() for name, array in observation.items()}
+    for fault, seed in (("infeasible", 1), ("infeasible", 3), ("steering_gain", 1)):
+        env = WrongturnSimEnv("Town01", source.track, fault=fault)
+        first, info = env.reset(seed=seed)
         for one in (agent, shipped, beside, driving):
-            one.reset(envs.single_observation_space)
-        memory = torch.zeros(1, MEMORY)
-        ended = False
-        while not ended:
-            seen = {name: array[0] for name, array in observation.items()}
+            one.reset(env.observation_space)
+        memory, seen = torch.zeros(1, MEMORY), first
+        while "verdict" not in info:
             with torch.inference_mode():
-                tensors = {name: torch.from_numpy(array) for name, array in observation.items()}
+                tensors = {name: torch.from_numpy(array[None].copy()) for name, array in seen.items()}
                 command, memory, doubt = parts(tensors, memory)
             commands.add(int(command.item()))
             wanted = driving.act({**seen, "command": command.numpy()[0]})
             action = agent.act(seen)
             assert action == shipped.act(seen)
             assert agent.doubt == shipped.doubt == pytest.approx(doubt.item(), abs=0.02)
-            assert np.allclose(*(np.array([one.steer, one.throttle, one.brake]) for one in (action, wanted)), atol=0.02)
-            controls = np.array([[action.steer, action.throttle, action.brake]], np.float32)
-            observation, _, terminated, truncated, _ = envs.step(controls)
-            ended = bool(terminated[0] or truncated[0])
-    envs.close()
+            both = [np.array([one.steer, one.throttle, one.brake]) for one in (action, wanted)]
+            assert np.allclose(*both, atol=0.02) or fault == "steering_gain"
+            seen, *_, info = env.step(action)
     assert len(commands) > 1
     # Copies share the loaded files and not the memory.
     fresh = source.make()
-    fresh.reset(envs.single_observation_space)
+    fresh.reset(env.observation_space)
     assert beside.act(first) == fresh.act(first)
 
 

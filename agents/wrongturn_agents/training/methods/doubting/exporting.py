@@ -1,4 +1,4 @@
-"""One ONNX file of a doubting agent: what it sees, its command gate, and the shipped agent that drives behind it."""
+"""One ONNX file of a doubting agent: its doubt, its gate, the shipped agent that drives, and the compensation."""
 
 import dataclasses
 import json
@@ -11,18 +11,20 @@ import torch
 from onnx import TensorProto, helper
 from torch import Tensor, nn
 
+from wrongturn_agents.compensation import MEMORY as COMPENSATION
+from wrongturn_agents.compensation import compensated
 from wrongturn_agents.doubting_agent import OBEYED
 from wrongturn_agents.models.doubt import LINE, MARKS, Doubt
 from wrongturn_agents.models.gate import BELIEF, MEMORY, Gate, GateConfig
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import Precision, batched_graph, facts_of
-from wrongturn_agents.training.export.writing import check_target, halve, write_graph
+from wrongturn_agents.training.export.writing import check_target, export_graph, halve, write_graph
 from wrongturn_agents.training.method import Loaded
 from wrongturn_protocol import Command
 from wrongturn_protocol.model_contract import ACTION, DOUBT, STATE_IN, STATE_OUT
 
-_PREFIX: Final = "policy."
+_ASKED: Final = "asked_action"
 
 
 class GatedDoubt(nn.Module):
@@ -86,48 +88,73 @@ def write_doubting(
     write_graph(file, graph, {**facts, "drives": drives, "trained_on_faults": "true", "gate": said})
 
 
-def joined(doubt: onnx.ModelProto, driving: onnx.ModelProto) -> onnx.ModelProto:
-    """Return one model: the driving one gets its command from the other's output, and both see the same observation.
+class _Compensation(nn.Module):
+    """The compensation, as a graph holds it."""
 
-    If the driving one has a state too, both share one: first the gate's memory, then its own.
+    def forward(self, action: Tensor, steering: Tensor, speed: Tensor, state: Tensor) -> Any:
+        """Return the action for the car and the new memory; see :func:`compensated`."""
+        return compensated(torch, action, steering, speed, state)
+
+
+def joined(doubt: onnx.ModelProto, driving: onnx.ModelProto) -> onnx.ModelProto:
+    """Return one model: the driving one gets its command from the other, and the car its compensated action.
+
+    All see the same observation, and share one state.
     """
-    names = {put.name for put in driving.graph.input} - {"command", STATE_IN}
-    kept = {name: name for name in (*names, ACTION)} | {"command": OBEYED}
-    other = onnx.compose.add_prefix(driving, _PREFIX)
-    _rename(other.graph, {_PREFIX + old: new for old, new in kept.items()})
-    inputs = [*doubt.graph.input, *(put for put in driving.graph.input if put.name in names - _inputs(doubt))]
-    outputs = [*driving.graph.output[:1], *doubt.graph.output[1:]]
-    nodes, constants = [*doubt.graph.node, *other.graph.node], [*doubt.graph.initializer, *other.graph.initializer]
-    if STATE_IN in _inputs(driving):
-        own = next(put for put in driving.graph.input if put.name == STATE_IN).type.tensor_type.shape.dim[1].dim_value
-        ends = {"begin": 0, "between": MEMORY, "end": MEMORY + own, "axis": 1}
-        constants += [helper.make_tensor(f"state.{name}", TensorProto.INT64, [1], [at]) for name, at in ends.items()]
-        gate = _rename(doubt.graph, {STATE_IN: "gate.in", STATE_OUT: "gate.out"})
-        nodes = [
-            helper.make_node("Slice", [STATE_IN, "state.begin", "state.between", "state.axis"], ["gate.in"]),
-            helper.make_node("Slice", [STATE_IN, "state.between", "state.end", "state.axis"], [_PREFIX + STATE_IN]),
-            *gate.node,
-            *other.graph.node,
-            helper.make_node("Concat", ["gate.out", _PREFIX + STATE_OUT], [STATE_OUT], axis=1),
-        ]
-        for put in (*inputs, *outputs):
-            if put.name in {STATE_IN, STATE_OUT}:
-                put.type.tensor_type.shape.dim[1].dim_value = MEMORY + own
-    graph = helper.make_graph(nodes, "doubting", inputs, outputs, constants)
-    opsets: dict[str, Any] = {one.domain: one for model in (doubt, other) for one in model.opset_import}
+    batch = torch.export.Dim("batch", min=1, max=4096)
+    widths = {"action": 3, "steering": 1, "speed": 1, "state": COMPENSATION}
+    compensation = export_graph(
+        _Compensation(),
+        {name: torch.ones(2, width) for name, width in widths.items()},
+        [_ASKED, "steering", "speed", STATE_IN],
+        [ACTION, STATE_OUT],
+        {name: {0: batch} for name in widths},
+    )
+    parts = {
+        "doubt.": _part(doubt, "doubt."),
+        "policy.": _part(driving, "policy.", {"command": OBEYED, ACTION: _ASKED}),
+        "compensation.": _part(compensation, "compensation."),
+    }
+    puts = {
+        put.name: put for model in (doubt, driving, compensation) for put in (*model.graph.input, *model.graph.output)
+    }
+    states = {
+        prefix: put.type.tensor_type.shape.dim[1].dim_value
+        for prefix, part in parts.items()
+        for put in part.graph.input
+        if put.name == prefix + STATE_IN
+    }
+    for name in (STATE_IN, STATE_OUT):
+        puts[name].type.tensor_type.shape.dim[1].dim_value = sum(states.values())
+    nodes = [
+        helper.make_node("Split", [STATE_IN, "widths"], [prefix + STATE_IN for prefix in states], axis=1),
+        *(node for part in parts.values() for node in part.graph.node),
+        helper.make_node("Concat", [prefix + STATE_OUT for prefix in states], [STATE_OUT], axis=1),
+    ]
+    constants = [constant for part in parts.values() for constant in part.graph.initializer]
+    constants.append(helper.make_tensor("widths", TensorProto.INT64, [len(states)], list(states.values())))
+    outputs = [puts.pop(name) for name in (ACTION, STATE_OUT, DOUBT)]
+    inputs = [put for name, put in puts.items() if name not in {OBEYED, _ASKED}]
+    opsets: dict[str, Any] = {one.domain: one for part in parts.values() for one in part.opset_import}
     return helper.make_model(
-        graph, producer_name="wrongturn", opset_imports=list(opsets.values()), ir_version=driving.ir_version
+        helper.make_graph(nodes, "doubting", inputs, outputs, constants),
+        producer_name="wrongturn",
+        opset_imports=list(opsets.values()),
+        ir_version=driving.ir_version,
     )
 
 
-def _rename(graph: onnx.GraphProto, names: Mapping[str, str]) -> onnx.GraphProto:
-    """Give values of a graph's nodes other names, in place."""
-    for node in graph.node:
-        for puts in (node.input, node.output):
-            for k, put in enumerate(puts):
-                puts[k] = names.get(put, put)
-    return graph
+def _part(model: onnx.ModelProto, prefix: str, links: Mapping[str, str] | None = None) -> onnx.ModelProto:
+    """Return a copy in which the names of inner values and of the state have a prefix.
 
-
-def _inputs(model: onnx.ModelProto) -> set[str]:
-    return {put.name for put in model.graph.input}
+    Other inputs and outputs keep their names or, by the links, get those of another part.
+    """
+    graph = model.graph
+    ends = {put.name: put.name for put in (*graph.input, *graph.output) if put.name not in {STATE_IN, STATE_OUT}}
+    names = {prefix + old: new for old, new in (ends | dict(links or {})).items()}
+    part = onnx.compose.add_prefix(model, prefix)
+    for node in part.graph.node:
+        for values in (node.input, node.output):
+            for k, value in enumerate(values):
+                values[k] = names.get(value, value)
+    return part
