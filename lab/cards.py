@@ -17,7 +17,9 @@ from lab import doubting
 from lab.curves import LAB, Curve, read_curves
 from lab.stored_results import Collection
 from lab.tables import count_success, count_unsafe, counts_by_seed, marked, spread, with_interval
+from wrongturn_agents import compensation
 from wrongturn_agents.errors import ModelFileError
+from wrongturn_agents.models import gate
 from wrongturn_agents.onnx_agent import open_session
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS, WEIGHTS, ShippedAgent, trained_with
 from wrongturn_agents.stored_results import STORED
@@ -209,7 +211,8 @@ def doubting_card(agent: ShippedAgent, facts: Facts) -> str:
                 "sha256": f"`{_sha256(agent.file)}`",
                 f"sha256 of `{agent.drives}.onnx`": f"`{_sha256(agent.files[1])}`",
                 "track": f"`{agent.track}`",
-                "memory": "8 numbers of the gate and 64 of the compensation, within an episode",
+                "memory": f"{gate.MEMORY} numbers of the gate and {compensation.MEMORY} of the compensation, within an "
+                "episode",
                 "licence": said["licence"],
             }
         ),

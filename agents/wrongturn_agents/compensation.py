@@ -24,18 +24,20 @@ _LITTLE: Final = 1e-3
 _EXACT: Final = 0.03
 """A gain this near to 1 is 1."""
 _GAINS: Final = (0.3, 2.0)
+"""Least and greatest gain that is made up for."""
 _LATE: Final = 4
+"""From this lag on, in decisions, the car drives slowly."""
 _CAUTIOUS: Final = 5.0
-"""Speed of a car whose driver sees ``_LATE`` decisions late or later, m/s."""
+"""Above this speed it then does not accelerate, m/s."""
 _SLEW: Final = VEHICLE.steering_slew * 0.1
 
 
 def compensated(xp: Any, action: Any, steering: Any, speed: Any, memory: Any) -> tuple[Any, Any]:
     """Return the action that makes the car do what the driver asks for, (B, 3), and the new memory, (B, MEMORY).
 
-    It steers more if the wheels turn less than they are told, and less if they turn more. If what the driver sees is
-    0.4 s late or more, it does not accelerate above 5 m/s. A car that answers at once and as told gets the action that
-    the driver asks for, to the bit.
+    Where the wheels turn too little, it steers more; where they turn too much, less. If the driver sees 0.4 s late or
+    more, the car does not accelerate above 5 m/s. If the car answers at once and as told, the action stays as it is, to
+    the bit.
 
     Args:
         xp: ``numpy`` or ``torch``, whose arrays the others are, all float32.

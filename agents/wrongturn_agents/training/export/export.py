@@ -25,6 +25,8 @@ from wrongturn_protocol.observations import FIELDS
 CALIBRATION: Final = 200
 """Number of observations that determine int8's ranges."""
 CALIBRATION_SEED: Final = 20_001
+BATCH: Final = torch.export.Dim("batch", min=1, max=4096)
+"""The free first axis of a graph's inputs."""
 LICENCE: Final = "Apache-2.0"
 """Licence of the weights."""
 
@@ -171,11 +173,10 @@ def batched_graph(module: nn.Module, agent: TrainedAgent, memory: int, output: s
     fields = {field.name: field for field in FIELDS[agent.track]}
     # A batch of two, because the exporter takes an axis of length one as fixed.
     example = {key: torch.from_numpy(np.ones((2, *fields[key].shape), fields[key].numpy_dtype)) for key in agent.keys}
-    batch = torch.export.Dim("batch", min=1, max=4096)
     arguments: dict[str, Any] = {"observation": example}
-    shapes: dict[str, Any] = {"observation": {key: {0: batch} for key in example}}
+    shapes: dict[str, Any] = {"observation": {key: {0: BATCH} for key in example}}
     if memory:
-        arguments["state"], shapes["state"] = torch.zeros(2, memory), {0: batch}
+        arguments["state"], shapes["state"] = torch.zeros(2, memory), {0: BATCH}
     inputs, outputs = [*example, *([STATE_IN] if memory else [])], [output, *([STATE_OUT] if memory else []), *more]
     plain: Any = module.to(memory_format=torch.contiguous_format)  # type: ignore[call-overload]
     return export_graph(plain.eval(), arguments, inputs, outputs, shapes)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +17,7 @@ from wrongturn_agents.models.doubt import LINE, MARKS, Doubt
 from wrongturn_agents.models.gate import BELIEF, MEMORY, Gate, GateConfig
 from wrongturn_agents.shipped_agents import DOUBTING_AGENTS, SHIPPED_AGENTS
 from wrongturn_agents.training.errors import TrainingError
-from wrongturn_agents.training.export.export import Precision, batched_graph, facts_of
+from wrongturn_agents.training.export.export import BATCH, Precision, batched_graph, facts_of
 from wrongturn_agents.training.export.writing import check_target, export_graph, halve, write_graph
 from wrongturn_agents.training.method import Loaded
 from wrongturn_protocol import Command
@@ -96,23 +95,26 @@ class _Compensation(nn.Module):
         return compensated(torch, action, steering, speed, state)
 
 
+def _compensation_graph() -> onnx.ModelProto:
+    widths = {"action": 3, "steering": 1, "speed": 1, "state": COMPENSATION}
+    return export_graph(
+        _Compensation(),
+        {name: torch.ones(2, width) for name, width in widths.items()},
+        [_ASKED, "steering", "speed", STATE_IN],
+        [ACTION, STATE_OUT],
+        {name: {0: BATCH} for name in widths},
+    )
+
+
 def joined(doubt: onnx.ModelProto, driving: onnx.ModelProto) -> onnx.ModelProto:
     """Return one model: the driving one gets its command from the other, and the car its compensated action.
 
     All see the same observation, and share one state.
     """
-    batch = torch.export.Dim("batch", min=1, max=4096)
-    widths = {"action": 3, "steering": 1, "speed": 1, "state": COMPENSATION}
-    compensation = export_graph(
-        _Compensation(),
-        {name: torch.ones(2, width) for name, width in widths.items()},
-        [_ASKED, "steering", "speed", STATE_IN],
-        [ACTION, STATE_OUT],
-        {name: {0: batch} for name in widths},
-    )
+    compensation = _compensation_graph()
     parts = {
         "doubt.": _part(doubt, "doubt."),
-        "policy.": _part(driving, "policy.", {"command": OBEYED, ACTION: _ASKED}),
+        "policy.": _part(driving, "policy.", **{"command": OBEYED, ACTION: _ASKED}),
         "compensation.": _part(compensation, "compensation."),
     }
     puts = {
@@ -144,14 +146,14 @@ def joined(doubt: onnx.ModelProto, driving: onnx.ModelProto) -> onnx.ModelProto:
     )
 
 
-def _part(model: onnx.ModelProto, prefix: str, links: Mapping[str, str] | None = None) -> onnx.ModelProto:
+def _part(model: onnx.ModelProto, prefix: str, **links: str) -> onnx.ModelProto:
     """Return a copy in which the names of inner values and of the state have a prefix.
 
     Other inputs and outputs keep their names or, by the links, get those of another part.
     """
     graph = model.graph
     ends = {put.name: put.name for put in (*graph.input, *graph.output) if put.name not in {STATE_IN, STATE_OUT}}
-    names = {prefix + old: new for old, new in (ends | dict(links or {})).items()}
+    names = {prefix + old: new for old, new in (ends | links).items()}
     part = onnx.compose.add_prefix(model, prefix)
     for node in part.graph.node:
         for values in (node.input, node.output):
