@@ -133,22 +133,13 @@ class SegmentationConfig(PPOConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImageConfig(PretrainedConfig, PPOConfig):
-    """``ppo-image``: ResNet-34 pretrained on segmentation and frozen; PPO trains the layers after it."""
+class _ResNetConfig(PPOConfig):
+    """Settings of the two agents that see RGB with a ResNet."""
 
-    algorithm: ClassVar[str] = "ppo-image"
     BEFORE: ClassVar = {"projection": "relu"}
-    track: ClassVar[str] = "camera"
-    keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "rgb")
 
     steps: int = 4_000_000
     """Environment steps of the whole run. The learning rate falls over them."""
-    learning_rate: float = 4e-4
-    """Adam's learning rate at the start. A layer over 6,144 normalised numbers needs smaller steps than one over
-    512.
-    """
-    encoder_learning_rate: float = 0.25
-    """Share of the learning rate for the encoder's convolutions, if they are trained at all."""
     projection: str = "elu"
     """End of the layer from 6,144 to 512: ``elu`` after a layer normalisation, or ``relu``. With ``relu`` at the full
     learning rate, 65 to 70 % of its outputs die, and many runs never learn one of the turns.
@@ -158,6 +149,22 @@ class ImageConfig(PretrainedConfig, PPOConfig):
     that wait.
     """
 
+
+@dataclass(frozen=True, kw_only=True)
+class ImageConfig(_ResNetConfig, PretrainedConfig):
+    """``ppo-image``: ResNet-34 pretrained on segmentation and frozen; PPO trains the layers after it."""
+
+    algorithm: ClassVar[str] = "ppo-image"
+    track: ClassVar[str] = "camera"
+    keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "rgb")
+
+    learning_rate: float = 4e-4
+    """Adam's learning rate at the start. A layer over 6,144 normalised numbers needs smaller steps than one over
+    512.
+    """
+    encoder_learning_rate: float = 0.25
+    """Share of the learning rate for the encoder's convolutions, if they are trained at all."""
+
     @property
     def statistics(self) -> bool:
         """False with pretraining: the statistics stay as they are."""
@@ -165,27 +172,25 @@ class ImageConfig(PretrainedConfig, PPOConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AuxiliaryConfig(PPOConfig):
+class AuxiliaryConfig(_ResNetConfig):
     """``ppo-auxiliary``: ResNet-34 trained end to end, by PPO and by predicting the segmentation."""
 
     algorithm: ClassVar[str] = "ppo-auxiliary"
     track: ClassVar[str] = "segmentation"
     keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "rgb", "segmentation")
 
-    steps: int = 3_000_000
-    """Environment steps of the whole run. The learning rate falls over them."""
+    n_steps: int = 16
+    """Decisions of each car between two updates. An update may change the policy only so far, so with 32 a run learned
+    a command later, or never.
+    """
+    batch_size: int = 1_024
+    """Frames in a minibatch."""
     n_epochs: int = 3
     """Passes over a rollout. Few, because a pass through a ResNet is slow."""
     learning_rate: float = 5e-4
     """Adam's learning rate at the start, for the decoder and the layers after the ResNet."""
     encoder_learning_rate: float = 0.2
     """Share of the learning rate for the ResNet's convolutions, which need smaller steps."""
-    projection: str = "relu"
-    """End of the layer from 6,144 to 512: ``relu``, or ``elu`` as in ``ppo-image``. ``elu`` was tried in drawn towns
-    only, where four of five seeds did not learn all commands in 18 minutes (``docs/training.md``).
-    """
-    projection_learning_rate: float = 0.1
-    """Share of the learning rate for that layer. With ``relu`` at 1, most of its outputs die."""
     ent_coef: float = 0.003
     """Weight of the entropy bonus. All heads share the spread of the actions, and it narrows as some succeed: without a
     bonus, one of five seeds never learned a turn.
