@@ -26,7 +26,6 @@ LOSS: Final = "loss"
 HELD_OUT: Final = "success_heldout"
 _COLUMNS: Final = ("step", "minutes", REWARD, LOSS, HELD_OUT, "traffic_success_heldout", "steps_per_second")
 """Columns that are kept. In imitation, ``step`` counts samples."""
-_SECONDS: Final = "seconds_"  # prefix of the columns that say how long each part of the work took
 _NAME: Final = re.compile(r"(?P<agent>[^.]+)(?:\.(?P<variant>[^.]+))?\.s(?P<seed>\d+)\.csv")
 _COLOURS: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#000000")
 """Okabe and Ito's palette, which colour-blind readers can tell apart."""
@@ -74,29 +73,22 @@ def import_curve(run: Path, variant: str | None = None, folder: Path = LAB / "cu
         for name, whose in [*(one for one in parts if (run / one[0]).is_file()), ("progress.csv", agent)]:
             path = folder / f"{whose}{f'.{variant}' if variant else ''}.s{seed}.csv"
             rows = pd.read_csv(run / name)
-            kept = [column for column in rows if column in _COLUMNS or column.startswith(_SECONDS)]
-            thinned(rows[kept]).to_csv(path, index=False, float_format="%.6g")
+            thinned(rows[[column for column in rows if column in _COLUMNS]]).to_csv(
+                path, index=False, float_format="%.6g"
+            )
     except (OSError, ValueError, KeyError) as error:
         raise ResultsError(f"{run}: is no directory of a training run ({error!r})") from error
     return path
 
 
 def thinned(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return about :data:`POINTS` rows, evenly along the run, and every row with a held-out evaluation.
-
-    The seconds of dropped rows are added to the next row that is kept.
-    """
+    """Return about :data:`POINTS` rows, evenly along the run, and every row with a held-out evaluation."""
     numbers = np.arange(len(rows))
     even = (numbers % max(1, math.ceil(len(rows) / POINTS)) == 0) | (numbers == len(rows) - 1)
     kept = even | rows[HELD_OUT].notna().to_numpy() if HELD_OUT in rows else even
     if kept.sum() > 3 * POINTS:  # nearly every row has an evaluation
         kept = even
-    found = rows[kept].copy()
-    group = np.concatenate([[0], np.cumsum(kept)[:-1]])
-    for column in rows:
-        if str(column).startswith(_SECONDS):
-            found[column] = rows[column].groupby(group).sum().to_numpy()[: len(found)]
-    return found
+    return rows[kept]
 
 
 def training_table(curves: Iterable[Curve]) -> Table:
@@ -123,23 +115,6 @@ def _rows(curves: Iterable[Curve], last: dict[str, str]) -> list[Row]:
             row = (str(curve.seed), steps, minutes, _shown(speed, ",.0f"), *ends)
             found.setdefault(curve.name, []).append(row)
     return [row for name, own in found.items() for row in label_first(name, own)]
-
-
-def time_table(curves: Iterable[Curve]) -> Table:
-    """Return where the training time of each algorithm goes, in percent."""
-    spent = pd.DataFrame(
-        [{"agent": curve.agent, **curve.rows.filter(like=_SECONDS).sum()} for curve in curves if curve.variant is None]
-    )
-    if spent.empty:
-        return Table("Where the time of training goes, in %", (), [])
-    sums = spent.groupby("agent", sort=False).sum()
-    shares = (100 * sums.div(sums.sum(axis=1), axis=0)).round().dropna()
-    rows = [
-        (f"`{agent}`", *(f"{share:.0f}" for share in row))
-        for agent, row in zip(shares.index, shares.to_numpy(), strict=True)
-    ]
-    head = ("agent", *(str(name).removeprefix(_SECONDS) for name in shares))
-    return Table("Where the time of training goes, in %", head, rows, words=1)
 
 
 def _shown(value: float, form: str) -> str:

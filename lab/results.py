@@ -58,7 +58,6 @@ def sections(collection: Collection) -> Sections:
         "collisions": films.collisions_table,
         "training": partial(curves.training_table, runs),
         "imitation": partial(curves.imitation_table, runs),
-        "time": partial(curves.time_table, runs),
         **{f"doubting-{name}": make for name, make in doubting.TABLES.items()},
         **{name: partial(_picture, picture) for name, picture in curves.PICTURES.items()},
     }

@@ -87,7 +87,7 @@ def test_the_weights_drive_as_their_checkpoint_did(name):
     mean, greatest = (0.012, 0.07) if told["precision"] == "int8" else (1e-3, 5e-3)
     if name == "marln":  # it chooses one of 52 actions: where two are worth the same, the file may take the other
         mean, greatest = 0.03, 2.0
-    if name == "ppo-image":  # with a layer normalisation behind its wide 8-bit layer, one control was 0.092 away
+    if name in {"ppo-image", "ppo-auxiliary"}:  # a layer normalisation follows their wide 8-bit layer: 0.092 and 0.081
         greatest = 0.1
     if name == "lbc-privileged":  # its throttle depends on where its waypoints end, which rounding can move far
         greatest = 0.6

@@ -70,7 +70,7 @@ def test_results_of_either_kind_of_file_are_stored(tmp_path):
         import_results(scored, tmp_path, seed=-1)
 
 
-def test_a_curve_is_thinned_and_its_seconds_are_kept(tmp_path):
+def test_a_curve_is_thinned(tmp_path):
     run = tmp_path / "run"
     run.mkdir()
     progress(run / "progress.csv", 1000, evaluated_every=100)
@@ -80,7 +80,6 @@ def test_a_curve_is_thinned_and_its_seconds_are_kept(tmp_path):
     assert (path.name, curve.agent, curve.seed, curve.variant) == ("ppo-image.s3.csv", "ppo-image", 3, None)
     assert 140 < len(curve.rows) < 170
     assert len(curve.points("success_heldout")) == 10
-    assert curve.rows["seconds_env"].sum() == pytest.approx(250)
     assert len(thinned(curve.rows)) == pytest.approx(len(curve.rows), abs=75)
 
 
