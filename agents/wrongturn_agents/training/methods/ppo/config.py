@@ -180,9 +180,7 @@ class AuxiliaryConfig(_ResNetConfig):
     keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "rgb", "segmentation")
 
     n_steps: int = 16
-    """Decisions of each car between two updates. An update may change the policy only so far, so with 32 a run learned
-    a command later, or never.
-    """
+    """Decisions of each car between two updates. With 32, reward rose more slowly (``docs/training.md``)."""
     batch_size: int = 1_024
     """Frames in a minibatch."""
     n_epochs: int = 3
