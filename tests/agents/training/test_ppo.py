@@ -84,15 +84,11 @@ def test_the_very_first_update_can_be_undone_and_its_last_step_is_looked_at_too(
 
 
 @pytest.mark.parametrize(
-    ("algorithm", "options", "share", "projection"),
-    [
-        ("ppo-segmentation", [], 1.0, None),
-        ("ppo-image", ["projection_learning_rate=0.1"], None, 0.1),
-        ("ppo-auxiliary", [], 0.2, 1.0),
-    ],
+    ("algorithm", "share", "projection"),
+    [("ppo-segmentation", 1.0, None), ("ppo-image", None, 0.1), ("ppo-auxiliary", 0.2, 1.0)],
 )
-def test_convolutions_and_projection_have_their_own_learning_rates(algorithm, options, share, projection):
-    ppo = small_ppo(algorithm, *options)
+def test_convolutions_and_projection_have_their_own_learning_rates(algorithm, share, projection):
+    ppo = small_ppo(algorithm, *["projection_learning_rate=0.1"] * (projection == 0.1))  # by default it is 1
     ppo._update_current_progress_remaining(0, 0)
     ppo._update_learning_rate(ppo.policy.optimizer)
     of = {id(parameter): group["lr"] for group in ppo.policy.optimizer.param_groups for parameter in group["params"]}
