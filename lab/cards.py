@@ -333,8 +333,7 @@ def _figures(agent: ShippedAgent, collection: Collection) -> list[str]:
             text += f" Over {len(seeds)} training seeds, on the open draw, the strict count is {spread(seeds)}: "
             text += "median [least–most]."
             others = len(by_seed) - len(seeds)
-            text += f" {others} more cannot drive, and tell nothing about commands." if others > 1 else ""
-            text += " One more cannot drive, and tells nothing about commands." if others == 1 else ""
+            text += f" Seeds left out because they cannot drive: {others}." if others else ""
         parts.append(text)
     if journeys is not None:
         trials = installed_suite(NAVIGATION).trials

@@ -72,10 +72,8 @@ def import_curve(run: Path, variant: str | None = None, folder: Path = LAB / "cu
         parts = [("privileged.csv", f"{agent}-privileged")] if variant is None else []
         for name, whose in [*(one for one in parts if (run / one[0]).is_file()), ("progress.csv", agent)]:
             path = folder / f"{whose}{f'.{variant}' if variant else ''}.s{seed}.csv"
-            rows = pd.read_csv(run / name)
-            thinned(rows[[column for column in rows if column in _COLUMNS]]).to_csv(
-                path, index=False, float_format="%.6g"
-            )
+            rows = pd.read_csv(run / name, usecols=lambda column: column in _COLUMNS)
+            thinned(rows).to_csv(path, index=False, float_format="%.6g")
     except (OSError, ValueError, KeyError) as error:
         raise ResultsError(f"{run}: is no directory of a training run ({error!r})") from error
     return path
