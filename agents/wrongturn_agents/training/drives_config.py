@@ -150,6 +150,8 @@ class PlacesConfig(CarsConfig):
     """Number of drawn sceneries of Town01 beside the one that it ships with."""
     cameras: bool = False
     """Mount each car's camera otherwise: by up to 0.05 rad of pitch, 0.2 m of height and 8 % of its focal length."""
+    weathers: bool = False
+    """Let each drive's weather look like something between two of the training weathers."""
     groups: int = 4
     """Number of groups of cars, each in a town of its own. With 8, six runs on a GPU took 2.5 times as long for a step.
     """

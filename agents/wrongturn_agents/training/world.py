@@ -22,9 +22,10 @@ from wrongturn_agents.training.drives_config import CarsConfig, DrivesConfig, Pl
 from wrongturn_agents.training.errors import TrainingError
 from wrongturn_networks import Town, load_town, read_town
 from wrongturn_networks.drawn import make_town
+from wrongturn_protocol import TRAINING_WEATHERS
 from wrongturn_protocol.home import home
 from wrongturn_sim import FleetTraffic
-from wrongturn_sim.camera import Camera
+from wrongturn_sim.camera import LOOKS, Camera, WeatherLook
 
 TRAINING_TOWN: Final = "Town01"
 HELD_OUT: Final = range(1000, 1004)
@@ -34,6 +35,8 @@ MEETING: Final = FleetTraffic(crossers=0.5, waiters=0.5)
 _JOURNEY_TOWNS: Final = 2
 _PITCH, _UP, _FOCAL = 0.05, 0.2, 0.08
 """Greatest change of a camera's pitch, radians; height, metres; and focal length, as a share."""
+_MIXED: Final = 64
+"""Number of looks of the weather in each place."""
 _Config = TypeVar("_Config", bound=CarsConfig)
 _Cars = TypeVar("_Cars")
 
@@ -72,11 +75,25 @@ def cars_of(settings: DrivesConfig, device: torch.device | str, **options: Any) 
     if settings.towns + settings.sceneries:
         cars: VecEnv = CarsInTowns(settings, device, **options)
     else:
-        mounts = mounts_of(settings.num_envs) if settings.cameras else None
-        cars = training_cars(None, device, settings=settings, camera=mounts, **options)
+        cars = training_cars(None, device, settings=settings, **eyes_of(settings, settings.num_envs), **options)
     if isinstance(settings, WorldConfig) and (settings.noise or settings.delay or settings.steering):
         return DisturbedCars(cars, settings, options.get("seed"))
     return cars
+
+
+def eyes_of(settings: PlacesConfig, count: int, *stream: int) -> dict[str, Any]:
+    """Return the cameras of so many cars, and the looks of their weather, as arguments of a ``FleetCamera``."""
+    return {
+        "camera": mounts_of(count, *stream) if settings.cameras else None,
+        "looks": looks_of(*stream) if settings.weathers else (),
+    }
+
+
+def looks_of(*stream: int) -> list[WeatherLook]:
+    """Return looks between two of the training weathers each, at any share, from seeds of no draw."""
+    random, known = np.random.default_rng([2**53 + 1, *stream]), [LOOKS[weather] for weather in TRAINING_WEATHERS]
+    pairs, shares = random.integers(len(known), size=(_MIXED, 2)).tolist(), random.random(_MIXED).tolist()
+    return [known[one].mixed(known[other], share) for (one, other), share in zip(pairs, shares, strict=True)]
 
 
 def mounts_of(count: int, *stream: int, level: bool = False) -> list[Camera]:
@@ -148,10 +165,10 @@ class CarsInTowns(VecEnvWrapper):
 
     def __init__(self, settings: Any, device: torch.device | str, *, seed: int | None = None, **options: Any) -> None:
         def make(place: int, town: Town, count: int) -> DrivingVecEnv:
-            more = {**options, "camera": mounts_of(count, place)} if settings.cameras else options
             drawn = None if self._seed is None else np.random.SeedSequence([self._seed, place]).generate_state(1)[0]
             return training_cars(
-                count, device, settings=with_fewer_road_users(settings, town), town=town, **more,
+                count, device, settings=with_fewer_road_users(settings, town), town=town,
+                **eyes_of(settings, count, place), **options,
                 seed=None if drawn is None else int(drawn),
             )  # fmt: skip
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -9,12 +10,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wrongturn_agents.training.cars import cruises
-from wrongturn_agents.training.world import Groups, mounts_of, with_fewer_road_users
+from wrongturn_agents.training.world import Groups, eyes_of, with_fewer_road_users
 from wrongturn_lbc.config import LBCConfig
 from wrongturn_lbc.expert import Situation, situation
 from wrongturn_networks import Town
 from wrongturn_protocol import Track, TrialOptions
-from wrongturn_sim.camera import Camera
 from wrongturn_sim.fleet.camera import FleetCamera
 from wrongturn_sim.fleet.fleet import Fleet
 from wrongturn_sim.trial_source import TrialSource
@@ -35,8 +35,8 @@ class Cars:
         random = np.random.default_rng(seed)
 
         def make(place: int, town: Town, count: int) -> _TownCars:
-            mounts = mounts_of(count, place) if config.cameras else Camera()
-            return _TownCars(count, config, town, random, mounts if pictures else None, device, threads)
+            eyes = eyes_of(config, count, place) if pictures else None
+            return _TownCars(count, config, town, random, eyes, device, threads)
 
         self.count, self.device = count, device
         self._groups = Groups(replace(config, num_envs=count), make)
@@ -87,7 +87,7 @@ class _TownCars:
         config: LBCConfig,
         town: Town,
         random: np.random.Generator,
-        mounts: Camera | list[Camera] | None,
+        eyes: dict[str, Any] | None,
         device: torch.device,
         threads: int,
     ) -> None:
@@ -97,7 +97,9 @@ class _TownCars:
         self._random, self._device = random, device
         self.fleet = Fleet(town, count, Track.PRIVILEGED, threads=threads, strict=True, record=False, traffic=beside)
         backend = "cuda" if device.type == "cuda" else "cpu"
-        self._camera = FleetCamera(self.fleet, mounts, Track.CAMERA, threads, backend) if mounts is not None else None
+        self._camera = None
+        if eyes is not None:
+            self._camera = FleetCamera(self.fleet, track=Track.CAMERA, threads=threads, backend=backend, **eyes)
 
     def observe(self) -> dict[str, Tensor]:
         seen = {name: torch.from_numpy(array).to(self._device, copy=True)

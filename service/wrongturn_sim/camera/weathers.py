@@ -4,7 +4,7 @@ import functools
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -57,6 +57,14 @@ class WeatherLook:
     """How strongly the sky glows around the sun, 0 to 1."""
     lamps: float = 0.0
     """Share of windows that are lit."""
+
+    def mixed(self, other: "WeatherLook", share: float) -> "WeatherLook":
+        """Return a look between this and another, with such a ``share`` of the other. The sun stays where it is."""
+        mix: dict[str, Any] = {}
+        for name in (field.name for field in fields(self) if field.name != "sun"):
+            value = (1.0 - share) * np.array(getattr(self, name)) + share * np.array(getattr(other, name))
+            mix[name] = tuple(value.tolist()) if value.ndim else float(value)
+        return replace(self, **mix)
 
 
 def _looks() -> Mapping[Weather, WeatherLook]:
@@ -116,8 +124,8 @@ def _ground(look: WeatherLook) -> NDArray[np.float64]:
 
 
 @functools.lru_cache(maxsize=32)
-def _packed(weather: Weather) -> NDArray[np.float64]:
-    look = LOOKS[weather]
+def pack(look: WeatherLook) -> NDArray[np.float64]:
+    """Return a look as the renderer takes it: (SIZE,), read-only."""
     elevation, bearing = look.sun
     packed = np.zeros(SIZE)
     flat = math.cos(elevation)
@@ -138,6 +146,6 @@ def _packed(weather: Weather) -> NDArray[np.float64]:
 def look_of(weather: Weather | str) -> NDArray[np.float64]:
     """Return a weather as the renderer takes it: (SIZE,), read-only. Raises UnknownWeatherError, which lists all."""
     try:
-        return _packed(Weather(weather))
+        return pack(LOOKS[Weather(weather)])
     except ValueError:
         raise UnknownWeatherError(f"weather: {weather!r} is unknown; give one of {', '.join(Weather)}") from None

@@ -7,7 +7,8 @@ import numpy as np
 
 from wrongturn_protocol import Track, Trial, Weather
 from wrongturn_protocol.observations import Observation
-from wrongturn_sim.camera import Camera, CameraError, World, look_of, render_batch
+from wrongturn_sim.camera import Camera, CameraError, WeatherLook, World, look_of, render_batch
+from wrongturn_sim.camera.weathers import pack
 from wrongturn_sim.fleet.fleet import Fleet
 
 if TYPE_CHECKING:
@@ -21,18 +22,26 @@ class FleetCamera:
 
     The benchmark's camera is the default, the track ``camera`` or ``segmentation``. The bytes do not depend on the
     number of threads. With the backend ``cuda`` the pictures are rendered on a GPU and stay there, as
-    :class:`~wrongturn_sim.camera.cuda.DeviceImages`. Raises CameraError if there is no GPU.
+    :class:`~wrongturn_sim.camera.cuda.DeviceImages`. With ``looks``, each trial's seed chooses one of them; else a
+    trial's weather has its own. Raises CameraError if there is no GPU.
     """
 
     def __init__(
-        self, fleet: Fleet, camera: Camera | Sequence[Camera] | None, track: Track, threads: int, backend: str = "cpu"
+        self,
+        fleet: Fleet,
+        camera: Camera | Sequence[Camera] | None,
+        track: Track,
+        threads: int,
+        backend: str = "cpu",
+        looks: Sequence[WeatherLook] = (),
     ) -> None:
         self._fleet = fleet
         self._cameras: list[Camera] = [camera] if isinstance(camera, Camera) else list(camera or [Camera()])
         camera = self._cameras[0]
         self._threads = threads
         self._world = World.of(fleet.town)
-        self._table = np.array([look_of(weather) for weather in Weather])
+        self._drawn = len(looks)
+        self._table = np.array([pack(look) for look in looks] or [look_of(weather) for weather in Weather])
         self._rendered: list[Trial | None] = [None] * fleet.count
         self._kinds = np.zeros(fleet.count, np.int64)
         self._seeds = np.zeros(fleet.count, np.int64)
@@ -56,7 +65,8 @@ class FleetCamera:
             trial = fleet.trials[i]
             if trial is not None and trial is not self._rendered[i]:
                 self._rendered[i] = trial
-                self._kinds[i], self._seeds[i] = _KINDS[trial.weather], trial.seed & 0x3FFFFFFF
+                self._kinds[i] = trial.seed % self._drawn if self._drawn else _KINDS[trial.weather]
+                self._seeds[i] = trial.seed & 0x3FFFFFFF
         kinds, seeds, poses, ticks = self._kinds[chosen], self._seeds[chosen], fleet.poses[chosen], fleet.steps[chosen]
         others, begins = fleet.others(chosen)
         if self._gpu is not None:

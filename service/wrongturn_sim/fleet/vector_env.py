@@ -25,7 +25,7 @@ from wrongturn_sim.fleet.traffic import FleetTraffic
 from wrongturn_sim.trial_source import TrialSource, a_flag, picture_size
 
 if TYPE_CHECKING:
-    from wrongturn_sim.camera import Camera
+    from wrongturn_sim.camera import Camera, WeatherLook
 
 
 class WrongturnVectorEnv(TrialVectorEnv):
@@ -41,6 +41,8 @@ class WrongturnVectorEnv(TrialVectorEnv):
         track: decides what observations show.
         camera: place and optics of the camera, in the tracks that have one; the benchmark's by default. A list has that
             of each environment.
+        looks: for training: looks of the weather, of which each trial's seed chooses one. By default each weather has
+            its own look.
         threads: number of threads that share a step's work; the bytes do not depend on it.
         backend: where pictures are rendered: ``cpu``, or ``cuda`` for an NVIDIA GPU. On a GPU they stay there:
             ``torch.as_tensor(observation["rgb"], device="cuda")`` shares their memory, and pictures in ``final_obs``
@@ -74,6 +76,7 @@ class WrongturnVectorEnv(TrialVectorEnv):
         track: Track | str = Track.STATE,
         *,
         camera: "Camera | Sequence[Camera] | None" = None,
+        looks: "Sequence[WeatherLook]" = (),
         threads: int = 1,
         backend: str = "cpu",
         strict: bool = False,
@@ -125,9 +128,12 @@ class WrongturnVectorEnv(TrialVectorEnv):
         )
         self._camera = None
         if self.track in {Track.CAMERA, Track.SEGMENTATION}:
+            from wrongturn_sim.camera import WeatherLook  # noqa: PLC0415 - slow, and only pictures need it
             from wrongturn_sim.fleet import camera as pictures  # noqa: PLC0415 - slow, and only pictures need it
 
-            self._camera = pictures.FleetCamera(self._fleet, camera, self.track, threads, backend)
+            if not all(isinstance(look, WeatherLook) for look in looks):
+                raise OptionError(f"looks: are {looks!r}; give wrongturn_sim.camera.WeatherLook for each")
+            self._camera = pictures.FleetCamera(self._fleet, camera, self.track, threads, backend, looks)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
