@@ -68,17 +68,15 @@ class TestCamera:
         episode = Episode(make_trial(traffic=Traffic(vehicles=20, pedestrians=20)), Track.STATE)
         episode.reset()
         message = json.loads(episode.trajectory.to_json())
-        numbers = message.pop("road_user_numbers")
-        appearances = message.pop("appearances")
+        numbers, appearances = message.pop("road_user_numbers"), message.pop("appearances")
         old = json.dumps(message, separators=(",", ":"))
         replay = Replay.from_json(old)
         assert replay.trajectory.to_json() == old.encode(), "its checksum stays"
         assert "guesses" in replay.notes[0]
         assert replay.camera(0)[0].any()
+        message |= {"appearances": appearances, "road_user_numbers": [*numbers[:-1], []]}
         with pytest.raises(TrajectoryError, match="road_user_numbers"):
-            Replay.from_json(
-                json.dumps({**message, "appearances": appearances, "road_user_numbers": [*numbers[:-1], []]})
-            )
+            Replay.from_json(json.dumps(message))
 
     def test_a_decision_that_does_not_exist_is_named(self, left):
         with pytest.raises(IndexError, match=f"{len(left)} is not one of 0 to {len(left) - 1}"):
@@ -208,25 +206,15 @@ class TestFilm:
 
 class TestShown:
     def test_it_says_what_it_made(self, left, tmp_path):
-        lines = show(
-            left.trajectory.to_json(),
-            left.outcome,
-            view=View.TOP,
-            video=tmp_path / "f.mp4",
-            picture=tmp_path / "p.png",
-            size=160,
-        )
+        files = {"video": tmp_path / "f.mp4", "picture": tmp_path / "p.png"}
+        lines = show(left.trajectory.to_json(), left.outcome, view=View.TOP, size=160, **files)
         assert f"{left.trajectory.trial.id}, {name(left.outcome.verdict)}" in lines[0]
         assert f"{len(left) + HELD} frames" in lines[1]
         assert np.array_equal(cv2.imread(str(tmp_path / "p.png"))[:, :, ::-1], left.picture(160))
 
     @pytest.mark.parametrize(
         ("change", "said"),
-        [
-            ({"x": []}, "columns of equal length"),
-            ({"x": ["a", "b"]}, "columns of equal length"),
-            ({"town": "Nowhere"}, "Nowhere"),
-        ],
+        [({"x": []}, "of equal length"), ({"x": ["a", "b"]}, "of equal length"), ({"town": "Nowhere"}, "Nowhere")],
     )
     def test_a_broken_trajectory_is_refused(self, left, tmp_path, change, said):
         message = json.loads(left.trajectory.to_json()) | change

@@ -30,6 +30,22 @@ def test_pictures_of_other_cameras_and_another_size():
         WrongturnVectorEnv(2, "junctions", "segmentation", camera=cameras)
 
 
+def test_looks_between_two_weathers_are_chosen_by_seeds():
+    from wrongturn_sim.camera import LOOKS
+
+    def seen(**options):
+        seen, infos = WrongturnVectorEnv(8, "junctions", "segmentation", **options).reset(seed=4)
+        return seen["rgb"], [int(name.rsplit("s", 1)[1]) % 3 for name in infos["trial"]]
+
+    looks = [LOOKS["ClearNoon"].mixed(LOOKS["HardRainNoon"], share) for share in (0.0, 0.5, 1.0)]
+    alone = [seen(looks=[look])[0] for look in looks]
+    assert np.array_equal(alone[0], seen(weather="ClearNoon")[0])
+    assert np.array_equal(alone[2], seen(weather="HardRainNoon")[0])
+    mixed, chosen = seen(looks=looks)
+    assert len(set(chosen)) > 1
+    assert np.array_equal(mixed, [alone[k][i] for i, k in enumerate(chosen)])
+
+
 def test_trials_of_a_draw_with_their_own_windows(drive, same_in_a_batch):
     driven = [drive(trial) for trial in load_suite("wrong-command@3").draw("a secret of this test").episodes[:8]]
     assert len({episode.trial.window for episode in driven}) == 8
@@ -178,6 +194,8 @@ def test_what_cannot_be_done_says_why(make_trial):
         ({"threads": 0}, "threads"),
         ({"copy": "no"}, "^copy: is 'no'; give True or False$"),
         ({"camera": "front"}, "^camera: is 'front'; give a wrongturn_sim.camera.Camera$"),
+        ({"backend": "metal"}, "^backend: is 'metal'; give cpu or cuda$"),
+        ({"track": "camera", "looks": ["ClearNoon"]}, "^looks: are .*; give wrongturn_sim.camera.WeatherLook"),
         ({"drive_on": "long"}, "^drive_on: is 'long'; give seconds"),
         *(({"drive_on": seconds}, "drive_on") for seconds in (0.0, -1.0, float("nan"), float("inf"))),
         ({"own_traffic": True}, "^own_traffic: is True; give a FleetTraffic"),

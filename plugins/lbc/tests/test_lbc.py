@@ -143,7 +143,7 @@ class Told(torch.nn.Module):
 
 def test_groups_of_cars_move_on_to_other_towns():
     """Two groups in three towns; each moves after four decisions, in turn, and begins new drives there."""
-    config = LBCConfig(traffic=0.0, inside_junctions=0.0, sceneries=2, groups=2, stay=4, cameras=True)
+    config = LBCConfig(traffic=0.0, inside_junctions=0.0, sceneries=2, groups=2, stay=4, cameras=True, weathers=True)
     cars = Cars(8, config, seed=1, pictures=True, device=torch.device("cpu"))
     keep = torch.tensor([[0.0, 0.3, 0.0]]).expand(8, -1)
     before, begun = cars.observe(), []

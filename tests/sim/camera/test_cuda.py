@@ -129,11 +129,6 @@ def test_without_a_gpu_the_error_tells_what_to_do():
         WrongturnVectorEnv(2, town="junctions", track="camera", backend="cuda")
 
 
-def test_unknown_backend_is_told():
-    with pytest.raises(ValueError, match="backend: is 'metal'; give cpu or cuda"):
-        WrongturnVectorEnv(2, town="junctions", track="camera", backend="metal")
-
-
 @gpu
 @pytest.mark.parametrize("camera", [Camera(), Camera(pitch=0.1), Camera(width=320, height=120, cx=160.0, cy=50.0)])
 def test_gpu_paints_almost_what_the_cpu_paints(world: World, town, before, camera):
