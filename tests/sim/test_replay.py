@@ -214,7 +214,7 @@ class TestShown:
 
     @pytest.mark.parametrize(
         ("change", "said"),
-        [({"x": []}, "of equal length"), ({"x": ["a", "b"]}, "of equal length"), ({"town": "Nowhere"}, "Nowhere")],
+        [({"x": []}, "columns of equal"), ({"x": ["a", "b"]}, "columns of equal"), ({"town": "Nowhere"}, "Nowhere")],
     )
     def test_a_broken_trajectory_is_refused(self, left, tmp_path, change, said):
         message = json.loads(left.trajectory.to_json()) | change

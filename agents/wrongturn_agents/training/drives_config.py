@@ -140,7 +140,10 @@ class DrivesConfig(CarsConfig):
 
 @dataclass(frozen=True, kw_only=True)
 class PlacesConfig(CarsConfig):
-    """Where the cars drive and what cameras they have: all is drawn from seeds that no draw of a suite gives."""
+    """Where the cars drive, what cameras they have and how the weather looks.
+
+    All is drawn from seeds that no draw of a suite gives.
+    """
 
     RANGES: ClassVar = {**CarsConfig.RANGES, **dict.fromkeys(("towns", "sceneries"), (0, 1000))}
 
@@ -151,7 +154,7 @@ class PlacesConfig(CarsConfig):
     cameras: bool = False
     """Mount each car's camera otherwise: by up to 0.05 rad of pitch, 0.2 m of height and 8 % of its focal length."""
     weathers: bool = False
-    """Let each drive's weather look like something between two of the training weathers."""
+    """Let the weather of each drive look like one of the training weathers or like something between two."""
     groups: int = 4
     """Number of groups of cars, each in a town of its own. With 8, six runs on a GPU took 2.5 times as long for a step.
     """

@@ -35,7 +35,7 @@ MEETING: Final = FleetTraffic(crossers=0.5, waiters=0.5)
 _JOURNEY_TOWNS: Final = 2
 _PITCH, _UP, _FOCAL = 0.05, 0.2, 0.08
 """Greatest change of a camera's pitch, radians; height, metres; and focal length, as a share."""
-_MIXED: Final = 64
+_LOOKS: Final = 64
 """Number of looks of the weather in each place."""
 _Config = TypeVar("_Config", bound=CarsConfig)
 _Cars = TypeVar("_Cars")
@@ -90,9 +90,12 @@ def eyes_of(settings: PlacesConfig, count: int, *stream: int) -> dict[str, Any]:
 
 
 def looks_of(*stream: int) -> list[WeatherLook]:
-    """Return looks between two of the training weathers each, at any share, from seeds of no draw."""
+    """Return looks between two training weathers each, at any share, from seeds of no draw.
+
+    The two are drawn alike, so about a quarter of the looks are one weather's own.
+    """
     random, known = np.random.default_rng([2**53 + 1, *stream]), [LOOKS[weather] for weather in TRAINING_WEATHERS]
-    pairs, shares = random.integers(len(known), size=(_MIXED, 2)).tolist(), random.random(_MIXED).tolist()
+    pairs, shares = random.integers(len(known), size=(_LOOKS, 2)).tolist(), random.random(_LOOKS).tolist()
     return [known[one].mixed(known[other], share) for (one, other), share in zip(pairs, shares, strict=True)]
 
 

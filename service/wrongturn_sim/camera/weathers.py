@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrongturn_protocol import Weather
-from wrongturn_sim.errors import UnknownWeatherError
+from wrongturn_sim.errors import CameraError, UnknownWeatherError
 
 Colour = tuple[float, float, float]
 
@@ -59,7 +59,12 @@ class WeatherLook:
     """Share of windows that are lit."""
 
     def mixed(self, other: "WeatherLook", share: float) -> "WeatherLook":
-        """Return a look between this and another, with such a ``share`` of the other. The sun stays where it is."""
+        """Return a look between this and another: ``share``, 0 to 1, is the other's part. The sun is this look's.
+
+        Raises CameraError.
+        """
+        if not 0.0 <= share <= 1.0:
+            raise CameraError(f"share: is {share!r}; give 0 to 1")
         mix: dict[str, Any] = {}
         for name in (field.name for field in fields(self) if field.name != "sun"):
             value = (1.0 - share) * np.array(getattr(self, name)) + share * np.array(getattr(other, name))

@@ -40,7 +40,7 @@ class FleetCamera:
         camera = self._cameras[0]
         self._threads = threads
         self._world = World.of(fleet.town)
-        self._drawn = len(looks)
+        self._looks = len(looks)
         self._table = np.array([pack(look) for look in looks] or [look_of(weather) for weather in Weather])
         self._rendered: list[Trial | None] = [None] * fleet.count
         self._kinds = np.zeros(fleet.count, np.int64)
@@ -65,7 +65,7 @@ class FleetCamera:
             trial = fleet.trials[i]
             if trial is not None and trial is not self._rendered[i]:
                 self._rendered[i] = trial
-                self._kinds[i] = trial.seed % self._drawn if self._drawn else _KINDS[trial.weather]
+                self._kinds[i] = trial.seed % self._looks if self._looks else _KINDS[trial.weather]
                 self._seeds[i] = trial.seed & 0x3FFFFFFF
         kinds, seeds, poses, ticks = self._kinds[chosen], self._seeds[chosen], fleet.poses[chosen], fleet.steps[chosen]
         others, begins = fleet.others(chosen)

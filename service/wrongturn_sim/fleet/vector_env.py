@@ -41,8 +41,8 @@ class WrongturnVectorEnv(TrialVectorEnv):
         track: decides what observations show.
         camera: place and optics of the camera, in the tracks that have one; the benchmark's by default. A list has that
             of each environment.
-        looks: for training: looks of the weather, of which each trial's seed chooses one. By default each weather has
-            its own look.
+        looks: for training: looks of the weather, such as ``[LOOKS[a].mixed(LOOKS[b], 0.5)]``. A trial's seed chooses
+            one, whatever its weather, which the record and ``render`` keep. By default each weather has its own look.
         threads: number of threads that share a step's work; the bytes do not depend on it.
         backend: where pictures are rendered: ``cpu``, or ``cuda`` for an NVIDIA GPU. On a GPU they stay there:
             ``torch.as_tensor(observation["rgb"], device="cuda")`` shares their memory, and pictures in ``final_obs``
@@ -131,8 +131,8 @@ class WrongturnVectorEnv(TrialVectorEnv):
             from wrongturn_sim.camera import WeatherLook  # noqa: PLC0415 - slow, and only pictures need it
             from wrongturn_sim.fleet import camera as pictures  # noqa: PLC0415 - slow, and only pictures need it
 
-            if not all(isinstance(look, WeatherLook) for look in looks):
-                raise OptionError(f"looks: are {looks!r}; give wrongturn_sim.camera.WeatherLook for each")
+            if not isinstance(looks, list | tuple) or not all(isinstance(look, WeatherLook) for look in looks):
+                raise OptionError("looks: give a list of wrongturn_sim.camera.WeatherLook")
             self._camera = pictures.FleetCamera(self._fleet, camera, self.track, threads, backend, looks)
 
     def reset(
