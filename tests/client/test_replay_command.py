@@ -20,7 +20,8 @@ from wrongturn_sim import Episode
 JSON = {"Content-Type": "application/json"}
 COUNT = {"count": 0, "trials": 2, "rate": 0.0, "ci95": [0.0, 1.0]}
 METRICS = {
-    **dict.fromkeys(("unsafe", "unsafe_strict"), COUNT),
+    "unsafe": COUNT,
+    "unsafe_strict": COUNT,
     "twins": {"unsafe": 0, "completed": 0, "trials": 1},
     "excess_unsafe_rate": None,
     "table": {},

@@ -214,7 +214,7 @@ class TestShown:
 
     @pytest.mark.parametrize(
         ("change", "said"),
-        [({"x": []}, "columns of equal"), ({"x": ["a", "b"]}, "columns of equal"), ({"town": "Nowhere"}, "Nowhere")],
+        [*(({"x": bad}, "columns of equal length") for bad in ([], ["a", "b"])), ({"town": "Nowhere"}, "Nowhere")],
     )
     def test_a_broken_trajectory_is_refused(self, left, tmp_path, change, said):
         message = json.loads(left.trajectory.to_json()) | change

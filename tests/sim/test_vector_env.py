@@ -11,11 +11,10 @@ from wrongturn_judge import THRESHOLDS, JudgeGeometry, judge
 from wrongturn_networks import load_suite, load_town
 from wrongturn_protocol import DIRECTIONS, Flag
 from wrongturn_sim import TrialNotAloneError, WrongturnSimEnv, WrongturnVectorEnv
+from wrongturn_sim.camera import LOOKS, Camera
 
 
 def test_pictures_of_other_cameras_and_another_size():
-    from wrongturn_sim.camera import Camera
-
     cameras = [Camera(width=48, height=16, pitch=0.1 * i) for i in range(3)]
     for given in (cameras[0], cameras):
         envs = WrongturnVectorEnv(3, "junctions", "segmentation", camera=given, threads=2)
@@ -31,20 +30,18 @@ def test_pictures_of_other_cameras_and_another_size():
 
 
 def test_looks_between_two_weathers_are_chosen_by_seeds():
-    from wrongturn_sim.camera import LOOKS
-
     def seen(**options):
-        seen, infos = WrongturnVectorEnv(8, "junctions", "segmentation", **options).reset(seed=4)
-        return seen["rgb"], [int(name.rsplit("s", 1)[1]) % 3 for name in infos["trial"]]
+        observed, infos = WrongturnVectorEnv(8, "junctions", "segmentation", **options).reset(seed=4)
+        return observed["rgb"], [int(name.rsplit("s", 1)[1]) % 3 for name in infos["trial"]]
 
     looks = [LOOKS["ClearNoon"].mixed(LOOKS["HardRainNoon"], share) for share in (0.0, 0.5, 1.0)]
     alone = [seen(looks=[look])[0] for look in looks]
     assert np.array_equal(alone[::2], [seen(weather=name)[0] for name in ("ClearNoon", "HardRainNoon")])
     mixed, chosen = seen(looks=looks)
     assert len(set(chosen)) > 1
+    assert np.array_equal(mixed, [alone[k][i] for i, k in enumerate(chosen)])
     with pytest.raises(ValueError, match="share: is nan; give 0 to 1"):
         looks[0].mixed(looks[2], float("nan"))
-    assert np.array_equal(mixed, [alone[k][i] for i, k in enumerate(chosen)])
 
 
 def test_trials_of_a_draw_with_their_own_windows(drive, same_in_a_batch):
@@ -195,7 +192,7 @@ def test_what_cannot_be_done_says_why(make_trial):
         ({"threads": 0}, "threads"),
         ({"copy": "no"}, "^copy: is 'no'; give True or False$"),
         ({"camera": "front"}, "^camera: is 'front'; give a wrongturn_sim.camera.Camera$"),
-        ({"backend": "metal"}, "^backend: is 'metal'; give cpu or cuda$"),
+        ({"track": "camera", "backend": "metal"}, "^backend: is 'metal'; give cpu or cuda$"),
         *(({"track": "camera", "looks": bad}, "looks: give a list") for bad in (None, iter([]), ["ClearNoon"])),
         ({"drive_on": "long"}, "^drive_on: is 'long'; give seconds"),
         *(({"drive_on": seconds}, "drive_on") for seconds in (0.0, -1.0, float("nan"), float("inf"))),

@@ -35,7 +35,7 @@ MEETING: Final = FleetTraffic(crossers=0.5, waiters=0.5)
 _JOURNEY_TOWNS: Final = 2
 _PITCH, _UP, _FOCAL = 0.05, 0.2, 0.08
 """Greatest change of a camera's pitch, radians; height, metres; and focal length, as a share."""
-_LOOKS: Final = 64
+_LOOKS_EACH: Final = 64
 """Number of looks of the weather in each place."""
 _Config = TypeVar("_Config", bound=CarsConfig)
 _Cars = TypeVar("_Cars")
@@ -82,7 +82,7 @@ def cars_of(settings: DrivesConfig, device: torch.device | str, **options: Any) 
 
 
 def eyes_of(settings: PlacesConfig, count: int, *stream: int) -> dict[str, Any]:
-    """Return the cameras of so many cars, and the looks of their weather, as arguments of a ``FleetCamera``."""
+    """Return the arguments ``camera`` and ``looks`` for ``count`` cars; ``stream`` numbers their place, if any."""
     return {
         "camera": mounts_of(count, *stream) if settings.cameras else None,
         "looks": looks_of(*stream) if settings.weathers else (),
@@ -95,7 +95,7 @@ def looks_of(*stream: int) -> list[WeatherLook]:
     The two are drawn alike, so about a quarter of the looks are one weather's own.
     """
     random, known = np.random.default_rng([2**53 + 1, *stream]), [LOOKS[weather] for weather in TRAINING_WEATHERS]
-    pairs, shares = random.integers(len(known), size=(_LOOKS, 2)).tolist(), random.random(_LOOKS).tolist()
+    pairs, shares = random.integers(len(known), size=(_LOOKS_EACH, 2)).tolist(), random.random(_LOOKS_EACH).tolist()
     return [known[one].mixed(known[other], share) for (one, other), share in zip(pairs, shares, strict=True)]
 
 

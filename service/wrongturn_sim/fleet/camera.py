@@ -22,8 +22,8 @@ class FleetCamera:
 
     The benchmark's camera is the default, the track ``camera`` or ``segmentation``. The bytes do not depend on the
     number of threads. With the backend ``cuda`` the pictures are rendered on a GPU and stay there, as
-    :class:`~wrongturn_sim.camera.cuda.DeviceImages`. With ``looks``, each trial's seed chooses one of them; else a
-    trial's weather has its own. Raises CameraError if there is no GPU.
+    :class:`~wrongturn_sim.camera.cuda.DeviceImages`. A trial shows its weather's look or, if there are ``looks``,
+    the one that its seed chooses. Raises CameraError if there is no GPU.
     """
 
     def __init__(

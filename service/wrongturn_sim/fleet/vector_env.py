@@ -42,7 +42,7 @@ class WrongturnVectorEnv(TrialVectorEnv):
         camera: place and optics of the camera, in the tracks that have one; the benchmark's by default. A list has that
             of each environment.
         looks: for training: looks of the weather, such as ``[LOOKS[a].mixed(LOOKS[b], 0.5)]``. A trial's seed chooses
-            one, whatever its weather, which the record and ``render`` keep. By default each weather has its own look.
+            one. The record and ``render`` keep the trial's weather. By default each weather has its own look.
         threads: number of threads that share a step's work; the bytes do not depend on it.
         backend: where pictures are rendered: ``cpu``, or ``cuda`` for an NVIDIA GPU. On a GPU they stay there:
             ``torch.as_tensor(observation["rgb"], device="cuda")`` shares their memory, and pictures in ``final_obs``
