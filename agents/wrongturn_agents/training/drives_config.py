@@ -188,6 +188,8 @@ class WorldConfig(PlacesConfig, DrivesConfig):
 class PretrainedConfig(DrivesConfig):
     """Settings of a learner whose encoder learns to see before it drives."""
 
+    POSITIVE: ClassVar[tuple[str, ...]] = (*DrivesConfig.POSITIVE, "pretraining_minutes", "pretraining_passes")
+
     pretrained: bool = True
     """Ablation: without it the encoder starts at random."""
     augment: bool = True
@@ -199,7 +201,11 @@ class PretrainedConfig(DrivesConfig):
     pretraining_batch: int = 512
     """Frames of a minibatch in pretraining. With fewer, a GPU mostly waits for its kernels to be launched."""
     pretraining_rate: float = 1e-3
-    """Greatest learning rate of pretraining (AdamW, one cycle)."""
+    """Greatest learning rate of pretraining (AdamW): it rises during the first tenth, then falls by a half cosine."""
+    pretraining_minutes: float = 1_000.0
+    """Most minutes of pretraining, from its first pictures on. The learning rate follows frames or minutes, whichever
+    are further on.
+    """
     encoder: str = ""
     """Path of a run's ``encoder.pt`` to use instead of a new pretraining."""
 

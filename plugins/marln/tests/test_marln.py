@@ -11,6 +11,7 @@ from metres_driven import CARS, alike, by_chance, metres
 from small_run import HERE, settings_of
 
 from wrongturn_agents.onnx_agent import OnnxAgent
+from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import export
 from wrongturn_agents.training.export.writing import quantise
 from wrongturn_agents.training.method import load
@@ -51,6 +52,13 @@ def test_a_short_training_beats_a_random_policy(tmp_path, small_marln):
     # By chance 7.7 and 15.1 m, standing 1.6 m, untrained 3.8 m. This training came to 25.1 m, another seed to 19.2 m.
     chance = max(metres(by_chance()), metres(by_chance(torch.tensor(ACTIONS))))
     assert metres(model.drive_on, model.begin(CARS), pictures=True) > 1.2 * chance
+
+
+def test_a_pretraining_without_time_says_so(tmp_path, small_marln):
+    options = [*OPTIONS, "pretraining_frames=1000000", "pretraining_minutes=1e-9"]
+    with pytest.raises(TrainingError, match="no time for a minibatch; give more --minutes"):
+        train("marln", directory=tmp_path, seed=1, steps=STEPS, options=options, **HERE)
+    assert not (tmp_path / "encoder.pt").exists()
 
 
 @pytest.mark.slow

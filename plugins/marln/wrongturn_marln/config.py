@@ -25,13 +25,7 @@ class MarlnConfig(PretrainedConfig, PlacesConfig):
         **PlacesConfig.RANGES,
         **dict.fromkeys(("priority_exponent", "priority_weight"), SHARE),
     }
-    POSITIVE: ClassVar[tuple[str, ...]] = (
-        *PretrainedConfig.POSITIVE,
-        "replay_ratio",
-        "kappa",
-        "pretraining_minutes",
-        "pretraining_passes",
-    )
+    POSITIVE: ClassVar[tuple[str, ...]] = (*PretrainedConfig.POSITIVE, "replay_ratio", "kappa")
 
     steps: int = 6_000_000
     """Environment steps of the whole run. The learning rate falls over them."""
@@ -90,8 +84,6 @@ class MarlnConfig(PretrainedConfig, PlacesConfig):
     """Stacks of pictures for the encoder's pretraining."""
     pretraining_passes: float = 2.0
     """Number of times that each stack is used, on average."""
-    pretraining_minutes: float = 1_000.0
-    """Most minutes of pretraining. Its learning rate falls with frames or minutes, whichever is further on."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

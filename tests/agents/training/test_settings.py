@@ -53,6 +53,7 @@ def test_options_are_read_by_their_kind():
     [
         ("ppo-image", "colour=3", "give name=value with one of"),
         ("ppo-image", "steps=many", "option steps: is 'many'; give a whole number"),
+        ("ppo-image", "pretraining_minutes=0", "option pretraining_minutes: is 0; give a number above 0"),
         ("ppo-image", "bf16=perhaps", "option bf16: is 'perhaps'; give true or false"),
         ("ppo-segmentation", "gamma=nan", "option gamma: is nan"),
         ("ppo-segmentation", "gamma=1.5", "give a number from 0 to 1"),

@@ -10,7 +10,6 @@ from typing import Any, ClassVar, Final
 import numpy as np
 import torch
 from torch import Tensor, nn
-from torch.optim.lr_scheduler import OneCycleLR
 
 from wrongturn_agents.training.cars import Observations
 from wrongturn_agents.training.checkpoint import load_weights, read, write
@@ -27,7 +26,7 @@ _POOL: Final = 16_384
 _BEFORE: Final = 4
 """Minibatches of pictures before anything is learned."""
 _STAY: Final = 64
-"""Most decisions of a group of cars in a town: a pretraining is short, and shows all towns."""
+"""Most decisions of a group of cars in a town, so that a pretraining shows all towns."""
 _WARM_UP: Final = 0.1
 """Share of a pretraining over which the learning rate rises."""
 _APART: Final = 20
@@ -96,29 +95,23 @@ class WanderingCars:
 
 
 def pretrain(
-    run: Run,
-    module: nn.Module,
-    pictures: Callable[[], dict[str, Tensor]],
-    loss_of: Callable[[Any], Tensor],
-    *,
-    one_cycle: bool = False,
+    run: Run, module: nn.Module, pictures: Callable[[], dict[str, Tensor]], loss_of: Callable[[Any], Tensor]
 ) -> None:
     """Teach a module to see while pictures are rendered, and write ``pretraining.json``.
 
     ``pictures`` renders the next pictures of all cars, (n, ...) each; ``loss_of`` returns the loss of a minibatch of
-    them. With ``one_cycle`` the learning rate goes through torch's OneCycleLR, by minibatches; else it rises and falls
-    by the share that is over. The module is in evaluation mode afterwards.
+    them. The learning rate rises and falls by the share that is over. The module is in evaluation mode afterwards.
     """
     config, budget, device = run.settings, run.budget, run.device
-    frames, batch, begin = config.pretraining_frames, config.pretraining_batch, budget.used
-    seconds = 60.0 * getattr(config, "pretraining_minutes", math.inf)
+    frames, batch = config.pretraining_frames, config.pretraining_batch
+    seconds = 60.0 * config.pretraining_minutes
     total = max(1, round(frames * config.pretraining_passes / batch))
     weights = [parameter for parameter in module.parameters() if parameter.requires_grad]
     optimizer = torch.optim.AdamW(weights, lr=config.pretraining_rate, fused=device.type == "cuda")
-    cycle = OneCycleLR(optimizer, config.pretraining_rate, total_steps=total + 1) if one_cycle else None
     precision = torch.autocast(device.type, torch.bfloat16, enabled=config.bf16 and device.type == "cuda")
-    pool = Pool(min(_POOL, frames))
-    done = rendered = 0
+    pool = Pool(max(min(_POOL, frames), config.num_envs))
+    pool.add(pictures())
+    done, rendered, begin = 0, config.num_envs, budget.used  # the first pictures take as long as compiling does
 
     def share() -> float:
         return 1.0 if budget.over() else max(done / total, (budget.used - begin) / seconds)
@@ -132,18 +125,21 @@ def pretrain(
         if len(pool) < min(pool.size, _BEFORE * batch):
             continue
         while done < due and (over := share()) < 1.0:
-            for group in optimizer.param_groups if cycle is None else ():
+            for group in optimizer.param_groups:
                 group["lr"] = config.pretraining_rate * _risen(over)
             with precision:
                 loss = loss_of(pool.draw(batch))
             optimizer.zero_grad(set_to_none=True)
             torch.autograd.backward(loss)
             optimizer.step()
-            if cycle is not None:
-                cycle.step()
             done += 1
             if done % 50 == 0:
                 run.on_note(f"pretraining, {rendered:,} frames, loss {loss.item():.3f}")
+    if not done:
+        raise TrainingError(
+            "pretraining: there is no time for a minibatch; give more --minutes, more pretraining_minutes, or another "
+            "run's encoder (--option encoder=runs/ppo-image-1/encoder.pt)"
+        )
     module.eval()
     with torch.no_grad(), precision:
         for _ in range(_APART):

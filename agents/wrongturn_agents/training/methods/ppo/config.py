@@ -157,6 +157,7 @@ class ImageConfig(_ResNetConfig, PretrainedConfig):
     algorithm: ClassVar[str] = "ppo-image"
     track: ClassVar[str] = "camera"
     keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "rgb")
+    POSITIVE: ClassVar[tuple[str, ...]] = (*PPOConfig.POSITIVE, *PretrainedConfig.POSITIVE)
 
     learning_rate: float = 4e-4
     """Adam's learning rate at the start. A layer over 6,144 normalised numbers needs smaller steps than one over

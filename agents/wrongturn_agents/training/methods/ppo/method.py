@@ -111,7 +111,7 @@ def _learn_to_segment(run: Run, agent: ActorCritic) -> None:
     cars = WanderingCars(run.settings, run.device, seed=run.stream(0), threads=run.threads, time_limit=1.0)
     encoder.freeze(False)
     augment = run.settings.augment
-    pretrain(run, agent, cars.step, lambda drawn: agent.segmentation_loss(drawn, augment=augment), one_cycle=True)
+    pretrain(run, agent, cars.step, lambda drawn: agent.segmentation_loss(drawn, augment=augment))
     encoder.freeze()
     cars.envs.close()
 
