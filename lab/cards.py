@@ -289,8 +289,9 @@ def _where(said: Mapping[str, str]) -> str:
         if towns
         else "about Town01 "
     )
+    weathers = " and in weathers between two of these" if config.get("weathers") else ""
     cameras = ", each camera mounted a little differently" if config.get("cameras") else ""
-    return f"{where}in {_WEATHERS}{cameras}"
+    return f"{where}in {_WEATHERS}{weathers}{cameras}"
 
 
 def _limits(said: Mapping[str, str]) -> str:
