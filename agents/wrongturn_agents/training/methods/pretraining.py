@@ -101,6 +101,9 @@ def pretrain(
 
     ``pictures`` renders the next pictures of all cars, (n, ...) each; ``loss_of`` returns the loss of a minibatch of
     them. The learning rate rises and falls by the share that is over. The module is in evaluation mode afterwards.
+
+    Raises:
+        TrainingError: There is no time for a minibatch.
     """
     config, budget, device = run.settings, run.budget, run.device
     frames, batch = config.pretraining_frames, config.pretraining_batch
