@@ -181,8 +181,8 @@ def card(agent: ShippedAgent, collection: Collection, curves: Iterable[Curve], f
         "## How it drives",
         *_figures(agent, collection),
         "## Limits",
-        f"It was trained in {_limits(said)}, in four weathers, {_company(said)}, and with correct commands "
-        "only. It has learned no reaction to a wrong command: the benchmark asks what it then does. "
+        f"It was trained in {_limits(said)}, in four weathers{_between(said)}, {_company(said)}, and with correct "
+        "commands only. It has learned no reaction to a wrong command: the benchmark asks what it then does. "
         f"{words.others} It is for research on this benchmark alone, and not fit to drive a car.",
         "## Licence",
         f"{said['licence']}, as the rest of the package.",
@@ -289,9 +289,12 @@ def _where(said: Mapping[str, str]) -> str:
         if towns
         else "about Town01 "
     )
-    weathers = " and in weathers between two of these" if config.get("weathers") else ""
     cameras = ", each camera mounted a little differently" if config.get("cameras") else ""
-    return f"{where}in {_WEATHERS}{weathers}{cameras}"
+    return f"{where}in {_WEATHERS}{_between(said)}{cameras}"
+
+
+def _between(said: Mapping[str, str]) -> str:
+    return " and in weathers between two of these" if _config(said).get("weathers") else ""
 
 
 def _limits(said: Mapping[str, str]) -> str:
