@@ -280,7 +280,8 @@ def navigation_table(collection: Collection) -> Table:
     def own(name: str) -> list[Row]:
         rows = [*_shipped_row(collection, name, Task.NAVIGATION)]
         found = collection.by_seed(NAVIGATION, name).items()
-        seeds = [count_success(file) for seed, file in found if seed is not None]
+        driven = (count_success(file) for seed, file in found if seed is not None)
+        seeds = [cells for cells in driven if any(task is Task.NAVIGATION for task, _ in cells)]
         if len(seeds) > 1:
             each = ([_rate(cells.get((Task.NAVIGATION, where))) for cells in seeds] for where in CONDITIONS)
             shown = ([one for one in column if one is not None] for column in each)
