@@ -26,6 +26,8 @@ _BATCH: Final = 20_000
 
 COMPARED: Final = ("ppo-segmentation", "ppo-image", "ppo-auxiliary")
 """The agents that the paper's authors trained, from the most unsafe to the least. Others trained the rest."""
+VARIANTS: Final[Mapping[str, str]] = {"ppo-segmentation": "drawn-towns"}
+"""The seeds that learned in drawn towns too, as those of the other two did."""
 Counts = Mapping[str, Sequence[int]]
 """Unsafe counts by algorithm, one a seed; algorithms from the paper's most unsafe to its least."""
 
@@ -75,8 +77,8 @@ def _in_order(*samples: NDArray[np.float64], axis: int = -1) -> Any:
 
 
 def unsafe_by_seed(collection: Collection, names: Sequence[str] = COMPARED) -> dict[str, tuple[int, ...]]:
-    """Return the unsafe trials of 60 (paper's column) of algorithms, one for each seed that drives."""
-    found = {name: counts_by_seed(collection, name).items() for name in names}
+    """Return the unsafe trials of 60 (paper's column) of algorithms or variants, one for each seed that drives."""
+    found = {name: counts_by_seed(collection, name, VARIANTS.get(name)).items() for name in names}
     return {
         name: tuple(one.unsafe for seed, one in seeds if seed is not None and one.drives)
         for name, seeds in found.items()
@@ -95,7 +97,7 @@ def seeds_left_out(collection: Collection) -> str:
     named = [
         f"`{name}` seed {seed} ({one.completed} of {one.twins})"
         for name in ALGORITHMS
-        for seed, one in counts_by_seed(collection, name).items()
+        for seed, one in counts_by_seed(collection, name, VARIANTS.get(name)).items()
         if seed is not None and not one.drives
     ]
     said = f"\nSeeds that cannot drive are left out (completed twins in brackets): {', '.join(named)}.\n"
