@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.stored_results import Collection
-from lab.tables import PAPER_BY_NAME, counts_by_seed, spread
+from lab.tables import PAPER_BY_NAME, UnsafeCounts, counts_by_seed, spread
 from wrongturn_agents.stored_results import ALGORITHMS
 
 _LEVEL: Final = 0.05
@@ -78,11 +78,12 @@ def _in_order(*samples: NDArray[np.float64], axis: int = -1) -> Any:
 
 def unsafe_by_seed(collection: Collection, names: Sequence[str] = COMPARED) -> dict[str, tuple[int, ...]]:
     """Return the unsafe trials of 60 (paper's column) of algorithms or variants, one for each seed that drives."""
-    found = {name: counts_by_seed(collection, name, VARIANTS.get(name)).items() for name in names}
-    return {
-        name: tuple(one.unsafe for seed, one in seeds if seed is not None and one.drives)
-        for name, seeds in found.items()
-    }
+    return {name: tuple(one.unsafe for one in _by_seed(collection, name).values() if one.drives) for name in names}
+
+
+def _by_seed(collection: Collection, name: str) -> dict[int, UnsafeCounts]:
+    found = counts_by_seed(collection, name, VARIANTS.get(name)).items()
+    return {seed: one for seed, one in found if seed is not None}
 
 
 def order_in_words(collection: Collection) -> str:
@@ -97,8 +98,8 @@ def seeds_left_out(collection: Collection) -> str:
     named = [
         f"`{name}` seed {seed} ({one.completed} of {one.twins})"
         for name in ALGORITHMS
-        for seed, one in counts_by_seed(collection, name, VARIANTS.get(name)).items()
-        if seed is not None and not one.drives
+        for seed, one in _by_seed(collection, name).items()
+        if not one.drives
     ]
     said = f"\nSeeds that cannot drive are left out (completed twins in brackets): {', '.join(named)}.\n"
     return said if named else ""

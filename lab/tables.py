@@ -281,7 +281,7 @@ def navigation_table(collection: Collection) -> Table:
         rows = [*_shipped_row(collection, name, Task.NAVIGATION)]
         found = collection.by_seed(NAVIGATION, name).items()
         driven = (count_success(file) for seed, file in found if seed is not None)
-        seeds = [cells for cells in driven if any(task is Task.NAVIGATION for task, _ in cells)]
+        seeds = [cells for cells in driven if _has(cells, Task.NAVIGATION)]
         if len(seeds) > 1:
             each = ([_rate(cells.get((Task.NAVIGATION, where))) for cells in seeds] for where in CONDITIONS)
             shown = ([one for one in column if one is not None] for column in each)
@@ -304,6 +304,10 @@ def traffic_table(collection: Collection) -> Table:
     return Table("Navigation with traffic, shipped agents, in %", head, rows)
 
 
+def _has(cells: Mapping[tuple[Task, Condition], Success], task: Task) -> bool:
+    return any(of is task for of, _ in cells)
+
+
 def _rate(one: Success | None) -> float | None:
     return None if one is None else 100 * one.arrived / one.episodes
 
@@ -312,7 +316,7 @@ def _shipped_row(collection: Collection, name: str, task: Task, *, clean: bool =
     """Return the row of a shipped agent's task; none if it was not driven."""
     shipped = collection.of_shipped(NAVIGATION, name)
     cells = {} if shipped is None else count_success(shipped)
-    if shipped is None or not any(of is task for of, _ in cells):
+    if shipped is None or not _has(cells, task):
         return []
     source = "ours" if shipped.seed is None else f"ours, seed {shipped.seed}"
     found = (cells.get((task, where)) for where in CONDITIONS)
