@@ -172,7 +172,11 @@ def read_suite(path: Path) -> Suite:
         )
     except CorruptFileError:
         raise
-    except (OSError, ValueError, KeyError, AttributeError, TypeError) as error:
+    except KeyError as error:
+        raise CorruptFileError(
+            f"suite {path.stem}: {error} is missing; write the file with wrongturn_networks.making.write_suite"
+        ) from error
+    except (OSError, ValueError, AttributeError, TypeError) as error:
         raise CorruptFileError(f"suite {path.stem}: {error}; install its package again") from error
 
 
