@@ -63,7 +63,7 @@ TOGETHER = {
     "plugins/statistics": "agents",
     **{f"tests/agents/test_{name}.py": "agents" for name in ("batch", "practice", "worker")},
     "tests/benchmarks/test_short_forms.py": "agents",
-    "tests/system/test_pages_run.py": "agents",
+    **{f"tests/system/test_{name}.py": "agents" for name in ("mistakes", "pages_run")},
     **{f"tests/agents/{name}.py": "exports" for name in _EXPORTS},
     "tests/extending": "exports",
     "plugins/sb3": "exports",

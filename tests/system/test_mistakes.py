@@ -2,21 +2,12 @@
 
 import re
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from wrongturn_client import LocalService
 from wrongturn_client.cli import main
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalService]:
-    database = tmp_path_factory.mktemp("service") / "a.db"
-    with LocalService(database=f"sqlite+aiosqlite:///{database}") as running:
-        yield running
-
 
 MISTAKES: list[tuple[str, int, str]] = [
     ("run", 2, "AGENT: name one"),

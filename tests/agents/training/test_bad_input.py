@@ -14,6 +14,7 @@ from wrongturn_client.cli import app
 from wrongturn_protocol.json_output import JsonFileError
 
 SEGMENTATION = "ppo-segmentation"
+pytestmark = pytest.mark.usefixtures("small_networks")
 
 
 def refused(*arguments):

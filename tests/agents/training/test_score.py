@@ -13,7 +13,7 @@ from wrongturn_protocol import Verdict
 
 
 @pytest.fixture(scope="module")
-def checkpoint(tmp_path_factory):
+def checkpoint(tmp_path_factory, small_networks):
     path = tmp_path_factory.mktemp("run") / "best.pt"
     config = settings_of("ppo-segmentation", *SMALL, "masked_classes=0.3")
     save_checkpoint(path, build("ppo-segmentation", seed=5), config, seed=5, steps=24, evaluation={"success": 0.0})
