@@ -6,7 +6,7 @@ of torch, so that an exported graph holds it too.
 
 from typing import Any, Final
 
-from wrongturn_protocol.vehicle import VEHICLE
+from wrongturn_protocol.vehicle import DECISION_S, VEHICLE
 
 _LAGS: Final = 21
 MEMORY: Final = 3 * _LAGS + 1
@@ -29,7 +29,7 @@ _LATE: Final = 4
 """From this lag on, in decisions, the car drives slowly."""
 _CAUTIOUS: Final = 5.0
 """Above this speed it then does not accelerate, m/s."""
-_SLEW: Final = VEHICLE.steering_slew * 0.1
+_SLEW: Final = VEHICLE.steering_slew * DECISION_S
 
 
 def compensated(xp: Any, action: Any, steering: Any, speed: Any, memory: Any) -> tuple[Any, Any]:

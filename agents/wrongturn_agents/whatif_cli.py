@@ -12,7 +12,7 @@ from rich.table import Table
 from wrongturn_agents.errors import AgentsError, RunError
 from wrongturn_agents.progress import ProgressStyle, show_progress
 from wrongturn_agents.registry import resolve, with_absolute_file
-from wrongturn_agents.whatif_file import STEP_S, ForkResult, SweepFile, SweepResult
+from wrongturn_agents.whatif_file import ForkResult, SweepFile, SweepResult
 from wrongturn_agents.worker import GuardedAgent
 from wrongturn_client import ApiError, Client
 from wrongturn_client.evaluation_driver import drive_episode
@@ -23,6 +23,7 @@ from wrongturn_protocol import Command, EpisodeDetail
 from wrongturn_protocol.installing import install
 from wrongturn_protocol.json_output import STDOUT, JsonTo, check_json_file, give_json, write_json
 from wrongturn_protocol.run_file import RunFile
+from wrongturn_protocol.vehicle import DECISION_S
 from wrongturn_protocol.words import name
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def whatif(
     ] = None,
     sweep: Annotated[bool, typer.Option("--sweep", help="Find the point of no return and the detection time.")] = False,
     every: Annotated[
-        float, typer.Option(min=STEP_S, help="Seconds between the first forks of a sweep. Example: --every 0.1")
+        float, typer.Option(min=DECISION_S, help="Seconds between the first forks of a sweep. Example: --every 0.1")
     ] = _EVERY,
     every_trial: Annotated[
         bool, typer.Option("--all", help="Sweep all unsafe trials; goes on with what the file of --json has.")
@@ -249,7 +250,7 @@ def sweep_table(title: str, results: list[SweepResult]) -> Table:
 def _worth_posting(result: SweepResult) -> list[tuple[float, None]]:
     """Return the forks that show the point of no return: the last safe one, and the one a decision later."""
     at = result.no_return_s
-    return [] if at is None else [(time, None) for time, _ in result.forks if at <= time < at + 1.5 * STEP_S]
+    return [] if at is None else [(time, None) for time, _ in result.forks if at <= time < at + 1.5 * DECISION_S]
 
 
 def _post(asked: _Asked, at: float, command: Command | None) -> EpisodeDetail:

@@ -1,15 +1,12 @@
 """What forks of a drive show, and the file of ``wrongturn whatif --sweep --all``."""
 
 from pathlib import Path
-from typing import Annotated, Final, Self
+from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from wrongturn_agents.json_file import resume
 from wrongturn_protocol import Command, Outcome, Verdict
-
-STEP_S: Final = 0.1
-"""Seconds between two decisions."""
 
 
 class _Values(BaseModel):

@@ -8,7 +8,7 @@ import numpy as np
 
 from wrongturn_protocol.episodes import Action
 from wrongturn_protocol.rigs import TrackerGains
-from wrongturn_protocol.vehicle import VEHICLE
+from wrongturn_protocol.vehicle import DECISION_S, VEHICLE
 
 FAR: Final = 1e6
 """Metres that no waypoint reaches: sums of squares stay finite."""
@@ -35,7 +35,7 @@ class Tracker:
         side: Literal["left", "right"] = "left",
         behind: float = 0.0,
         gains: TrackerGains | None = None,
-        decision_s: float = 0.1,
+        decision_s: float = DECISION_S,
     ) -> None:
         self._times = np.array([0.0, *times], float)
         if len(times) == 0 or not np.all(np.diff(self._times) > 0.0):  # also if one is nan

@@ -1,4 +1,4 @@
-"""The car's dimensions and limits."""
+"""The car's dimensions and limits, and how often it is steered."""
 
 import math
 from dataclasses import dataclass
@@ -45,4 +45,6 @@ class Vehicle:
 
 
 VEHICLE: Final = Vehicle()
+DECISION_S: Final = 0.1
+"""Time between two decisions of an agent whose rig names no rate, seconds."""
 """The benchmark's car."""

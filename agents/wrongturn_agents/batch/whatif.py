@@ -6,12 +6,13 @@ from typing import Final
 
 from wrongturn_agents.batch.group import loaded
 from wrongturn_agents.errors import RunError
-from wrongturn_agents.whatif_file import STEP_S, Difference, ForkResult, SweepResult
+from wrongturn_agents.whatif_file import Difference, ForkResult, SweepResult
 from wrongturn_agents.worker import GuardedAgent
 from wrongturn_faults.rules import DECISIONS
 from wrongturn_judge import Trajectory, TrajectoryError
 from wrongturn_protocol import Command, Fork, Rig, Sight, Verdict
 from wrongturn_protocol.observations import Observation, observation_space
+from wrongturn_protocol.vehicle import DECISION_S
 from wrongturn_protocol.vocabulary import Safety
 from wrongturn_sim.ego import SUB_STEPS
 from wrongturn_sim.episode import Episode
@@ -60,7 +61,7 @@ class WhatIf:
             command: The command from then on. None: the route's.
         """
         if not 0 <= decision < len(self.actions):
-            last = (len(self.actions) - 1) * STEP_S
+            last = (len(self.actions) - 1) * DECISION_S
             raise RunError(f"--at: is outside the drive, whose last decision is at {last:.1f} s; give 0 to {last:.1f}")
         fork = Fork(decision=decision, command=command)
         episode = Episode(self.trial.model_copy(update={"fork": fork}), self._sight)
@@ -108,7 +109,7 @@ class WhatIf:
             verdicts[first] = right.outcome.verdict
             detected = self._first_other(right.trajectory)
             if self.verdict is None or self.verdict.safety is not Safety.SAFE:
-                last = self._last_safe(first, max(1, round(every / STEP_S)), verdicts)
+                last = self._last_safe(first, max(1, round(every / DECISION_S)), verdicts)
         return SweepResult(
             trial=self.trial.id,
             verdict=self.verdict,
@@ -185,11 +186,11 @@ def actions_of(trajectory: Trajectory) -> list[_Act]:
 
 def decision_at(at: float) -> int:
     """Return the first decision at or after a time in seconds."""
-    return -int(-(at / STEP_S - 1e-6) // 1)
+    return -int(-(at / DECISION_S - 1e-6) // 1)
 
 
 def _seconds(decision: int) -> float:
-    return round(decision * STEP_S, 1)
+    return round(decision * DECISION_S, 1)
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,13 @@ import torch
 from torch import Tensor, nn
 
 from wrongturn_protocol import Command
+from wrongturn_protocol.vehicle import DECISION_S
 
 BELIEF, DISTANCE, CHOICE, TRAVELLED, LOOKS, CLEAR = slice(0, 3), 3, 4, 5, 6, 7
 """Columns of the gate's memory: belief in each exit (logits); distance to the stop line, metres; the exit that was
 chosen (0: none yet); metres travelled since; number of pictures in the belief; pictures in a row without a junction."""
 MEMORY: Final = 8
 """Width of the memory. It begins with zeros."""
-_SECONDS: Final = 0.1
 _CERTAIN: Final = 6.0
 
 
@@ -77,7 +77,7 @@ class Gate(nn.Module):
         config = self.config
         if not config.memory:
             memory = torch.zeros_like(memory)
-        driven = speed * _SECONDS
+        driven = speed * DECISION_S
         before = memory[:, CHOICE : CHOICE + 1]
         free = before < 0.5
         # What is known about the junction ahead.

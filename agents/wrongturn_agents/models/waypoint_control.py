@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from wrongturn_agents.models.waypoints import APART, COUNT
 from wrongturn_protocol import TrackerGains
-from wrongturn_protocol.vehicle import VEHICLE
+from wrongturn_protocol.vehicle import DECISION_S, VEHICLE
 
 MEMORY: Final = 2
 """Numbers that the controllers remember: the mean errors of steering and of speed. They begin with zeros."""
@@ -32,7 +32,7 @@ class WaypointControl(nn.Module):
         gains = self.gains
         aim = waypoints[:, round(gains.aim_s / APART) - 1]
         errors = torch.stack([steering_to(aim), mean_speed(waypoints) - speed[:, 0]], 1)
-        means = memory + (errors - memory) * (0.1 / gains.lasting_s)
+        means = memory + (errors - memory) * (DECISION_S / gains.lasting_s)
         steer = gains.steer[0] * errors[:, 0] + gains.steer[1] * means[:, 0]
         pull = gains.speed[0] * errors[:, 1] + gains.speed[1] * means[:, 1]
         pull = torch.where(mean_speed(waypoints) < gains.standing, torch.full_like(pull, -VEHICLE.braking), pull)

@@ -12,11 +12,10 @@ from torch import Tensor
 from wrongturn_agents.baselines import Manner
 from wrongturn_agents.models.birdview import seen_from_car
 from wrongturn_agents.models.waypoints import APART, COUNT
-from wrongturn_protocol.vehicle import VEHICLE
+from wrongturn_protocol.vehicle import DECISION_S, VEHICLE
 
 MANNER: Final = Manner(cruise=9.7)
 """The paper's 35 km/h on an open street; the rest as the baselines."""
-_STEP: Final = 0.1
 _SLEW: Final = 2.0
 """Greatest change of the steering in a second."""
 _POINTS: Final = 60
@@ -76,7 +75,7 @@ def plan(known: Situation) -> Tensor:
     x, y, yaw, driven = (torch.zeros_like(known.speed) for _ in range(4))
     speed, steering = known.speed, known.steering
     found = []
-    for step in range(round(COUNT * APART / _STEP)):
+    for step in range(round(COUNT * APART / DECISION_S)):
         rear = torch.stack([x - half * yaw.cos(), y - half * yaw.sin()], 1)
         here = _project(path, segments, lengths, along, rear)
         wanted = _speed(here + half, along, limits, (known.free - driven).clamp_min(0.0))
@@ -85,13 +84,13 @@ def plan(known: Situation) -> Tensor:
             -VEHICLE.braking, VEHICLE.acceleration
         )
         steer = _pursue(path, along, here, rear, yaw, speed)
-        steering = steering + (steer - steering).clamp(-_SLEW * _STEP, _SLEW * _STEP)
-        speed = (speed + pull * _STEP).clamp_min(0.0)
-        yaw = yaw + speed * _STEP * torch.tan(-steering * VEHICLE.max_wheel_angle) / VEHICLE.wheelbase
-        forward = speed * _STEP + half
+        steering = steering + (steer - steering).clamp(-_SLEW * DECISION_S, _SLEW * DECISION_S)
+        speed = (speed + pull * DECISION_S).clamp_min(0.0)
+        yaw = yaw + speed * DECISION_S * torch.tan(-steering * VEHICLE.max_wheel_angle) / VEHICLE.wheelbase
+        forward = speed * DECISION_S + half
         x, y = rear[:, 0] + forward * yaw.cos(), rear[:, 1] + forward * yaw.sin()
-        driven = driven + speed * _STEP
-        if (step + 1) % round(APART / _STEP) == 0:
+        driven = driven + speed * DECISION_S
+        if (step + 1) % round(APART / DECISION_S) == 0:
             found.append(torch.stack([x, y], 1))
     return torch.stack(found, 1)
 

@@ -6,11 +6,11 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Depends, Request, Response
 
 from wrongturn_protocol import EpisodeReply, EpisodeState, Fork, WhatIfRequest
+from wrongturn_protocol.vehicle import DECISION_S
 from wrongturn_service.api.dependencies import Body, DriverDep, EncodingDep, KeyDep, ServiceDep
 from wrongturn_service.api.documents import Route, described
 from wrongturn_service.api.episodes import is_shown, not_shown
 from wrongturn_service.client_address import address_of
-from wrongturn_service.episodes.driver import STEP_S
 from wrongturn_service.episodes.open_episode import unknown_episode
 from wrongturn_service.errors import GoneError, InvalidRequestError
 from wrongturn_service.replays import check_town
@@ -53,9 +53,9 @@ async def fork(
         check_town(trajectory)
         if trajectory.trial.fork is not None:
             raise InvalidRequestError("episode", f"{row.id} is a fork itself; name {row.origin_id or 'another'}")
-        decision, count = math.ceil(wanted.at / STEP_S - _CLOSE), len(trajectory.rows[1::_ROWS])
+        decision, count = math.ceil(wanted.at / DECISION_S - _CLOSE), len(trajectory.rows[1::_ROWS])
         if decision >= count:
-            last = (count - 1) * STEP_S
+            last = (count - 1) * DECISION_S
             raise InvalidRequestError("at", f"is {wanted.at:g}, and the last decision is at {last:.1f} s; give less")
         trial = trajectory.trial.model_copy(update={"fork": Fork(decision=decision, command=wanted.command)})
         each = _ROWS if caller.rig is None else _PER_SECOND // caller.rig.rate

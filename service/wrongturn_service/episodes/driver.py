@@ -8,6 +8,7 @@ from typing import Final, TypeVar
 import structlog
 
 from wrongturn_protocol import FaultKind, Outcome, Reaction, Rig, Trial, Verdict
+from wrongturn_protocol.vehicle import DECISION_S
 from wrongturn_service.encoding import Encoding
 from wrongturn_service.episodes.open_episode import OpenEpisode
 from wrongturn_service.episodes.queue import SimulatorQueue
@@ -29,8 +30,6 @@ START_PATIENCE_S: Final = 20.0
 """Seconds after which a call stops trying to start simulators; its client would not wait longer."""
 HOLD_S: Final = 1.1
 """Seconds for which a call is held that can soon take a simulator from others."""
-STEP_S: Final = 0.1
-"""Seconds between two decisions of a track."""
 _T = TypeVar("_T")
 
 
@@ -46,7 +45,7 @@ def aborted_outcome(trial: Trial, time_s: float) -> Outcome:
 
 def aborted_end(episode: OpenEpisode) -> EpisodeEnd:
     """Return the end of an open episode that is aborted without a simulator. It has no trajectory."""
-    step_s = 1 / episode.sight.rate if isinstance(episode.sight, Rig) else STEP_S
+    step_s = 1 / episode.sight.rate if isinstance(episode.sight, Rig) else DECISION_S
     return EpisodeEnd(aborted_outcome(episode.trial, episode.seq * step_s), episode.seq, b"", "", "")
 
 

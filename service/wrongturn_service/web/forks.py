@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from wrongturn_protocol import Outcome
+from wrongturn_protocol.vehicle import DECISION_S
 from wrongturn_protocol.vocabulary import Safety
 from wrongturn_protocol.words import COMMANDS
-from wrongturn_service.episodes.driver import STEP_S
 from wrongturn_service.storage.finished import FinishedEpisode
 from wrongturn_service.web.drives import Moment
 
@@ -28,7 +28,7 @@ def told(fork: FinishedEpisode) -> str:
     if other is None:
         return ""
     command = "the right command" if other.command is None else f"“{COMMANDS[other.command]}”"
-    return f"{command} from {other.decision * STEP_S:.1f} s on"
+    return f"{command} from {other.decision * DECISION_S:.1f} s on"
 
 
 def forks_of(outcome: Outcome, found: Sequence[FinishedEpisode], chosen: str | None) -> Forks:
@@ -49,7 +49,7 @@ def forks_of(outcome: Outcome, found: Sequence[FinishedEpisode], chosen: str | N
 
 
 def _moment(last: int, later: int) -> Moment:
-    at, until = last * STEP_S, later * STEP_S
+    at, until = last * DECISION_S, later * DECISION_S
     if later == last + 1:
         said = "The point of no return: the right command still ends safely from here on, and 0.1 s later no more."
     else:

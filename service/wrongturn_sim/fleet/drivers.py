@@ -9,6 +9,7 @@ import math
 from typing import Any
 
 from wrongturn_judge.compiling import uncounted
+from wrongturn_protocol.vehicle import DECISION_S
 from wrongturn_sim.fleet.ego_ahead import FAR, ego_crosses, ego_to_line, gap_to_ego, gap_to_merging_ego
 from wrongturn_sim.fleet.others import Ego, draw, move_walker, out_of_sight, place_car, place_walker
 from wrongturn_sim.fleet.streets import CROSSES, YIELDS
@@ -29,8 +30,6 @@ GENTLE = 3.0
 """Deceleration before a turn, m/s²."""
 STOP = 1.0
 """Cars stop this far before their line, metres."""
-DECISION = 0.1
-"""Seconds between decisions."""
 VISIBLE = 4.5
 """Drivers who have to give way see the others from this far before their line, metres."""
 PATIENCE = 8.0
@@ -148,7 +147,7 @@ def stays(ego: Ego, car: Any) -> bool:
         car.stays = 0.0
     if car.stays <= 0.0:
         return False
-    car.stays -= DECISION
+    car.stays -= DECISION_S
     return True
 
 
@@ -158,15 +157,15 @@ def hesitate(ego: Ego, car: Any, left: float, wanted: float) -> float:
     if car.stands <= 0.0:
         return wanted
     if car.until > 0.0:
-        car.until -= DECISION
+        car.until -= DECISION_S
         if car.until <= 0.0 and (left < 12.0 or car.inside):
             car.until = 1.0  # not in a junction, nor right before it
         return wanted
     if car.v < 0.1:
-        car.until -= DECISION
+        car.until -= DECISION_S
         if car.until < -car.stands:
             car.until = 6.0 + 14.0 * draw(ego)
-    return float(max(0.0, min(wanted, car.v - BRAKING * DECISION)))
+    return float(max(0.0, min(wanted, car.v - BRAKING * DECISION_S)))
 
 
 @uncounted
@@ -189,13 +188,13 @@ def speed_for_gate(ego: Ego, k: int, left: float, wanted: float) -> float:
         wanted = min(wanted, brake_for_ego(ego, car, left))
     if not car.inside and not car.goes:
         room = safe_speed(left - STOP, 0.0, BRAKING, REACTION)
-        if room < car.v + ACCELERATION * DECISION + 2.0:
+        if room < car.v + ACCELERATION * DECISION_S + 2.0:
             if not stays(ego, car) and may_go(ego, k):
                 car.goes, car.waited = 1, 0.0
             else:
                 wanted = min(wanted, room)
                 if car.v < 0.5 and left < 6.0:
-                    car.waited += DECISION
+                    car.waited += DECISION_S
     return float(wanted)
 
 
@@ -205,7 +204,7 @@ def decide_speed(ego: Ego, k: int) -> float:
     car, v = ego.cars[k], ego.cars[k].v
     # To the next stop line that it has not got leave to pass.
     left = FAR if car.inside else ego.net.legs[car.leg].length - car.s
-    wanted = min(car.likes * ego.streets.limits[car.leg], v + ACCELERATION * DECISION)
+    wanted = min(car.likes * ego.streets.limits[car.leg], v + ACCELERATION * DECISION_S)
     if car.gate >= 0:
         wanted = speed_for_gate(ego, k, left, wanted)
     gap, speed = leader_of(ego, k)
@@ -215,7 +214,7 @@ def decide_speed(ego: Ego, k: int) -> float:
     gap = gap_to_merging_ego(ego, car)
     wanted = min(wanted, safe_speed(gap - GAP, ego.state[3], BRAKING, REACTION))
     wanted = hesitate(ego, car, left, wanted)
-    return max(0.0, wanted - IMPERFECTION * ACCELERATION * DECISION * draw(ego))
+    return max(0.0, wanted - IMPERFECTION * ACCELERATION * DECISION_S * draw(ego))
 
 
 @uncounted
@@ -251,7 +250,7 @@ def think(ego: Ego) -> None:
         if car.here == 0:
             come_back(ego, car)
         if car.here:
-            car.a = max((decide_speed(ego, k) - car.v) / DECISION, -EMERGENCY)
+            car.a = max((decide_speed(ego, k) - car.v) / DECISION_S, -EMERGENCY)
 
 
 @uncounted
