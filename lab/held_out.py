@@ -18,12 +18,12 @@ from torch import Tensor
 
 from lab.studies import threads
 from wrongturn_agents.errors import AgentsError
-from wrongturn_agents.onnx_agent import OnnxAgent, load_onnxruntime
-from wrongturn_agents.training.drive import DrivenTrial, drive_trials
+from wrongturn_agents.onnx_agent import OnnxAgent, open_session
+from wrongturn_agents.training.drive import drive_trials
 from wrongturn_agents.training.held_out import held_out_journeys, with_traffic
 from wrongturn_agents.training.methods.ppo.config import PPOConfig
 from wrongturn_agents.training.world import MEETING, held_out_towns
-from wrongturn_protocol import Track, Verdict
+from wrongturn_protocol import Track
 
 _RUN: Final = PPOConfig(towns=1)
 """A run's number of journeys and its rules. With drawn towns, whatever their number, it has two held-out ones."""
@@ -37,21 +37,13 @@ class BatchedFile:
         agent = OnnxAgent(file)
         if agent.track is not Track.CAMERA or not agent.memoryless or agent.rig is not None:
             raise AgentsError(f"{file}: has a memory, a rig or another track than camera; give a file like ppo-image's")
-        runtime = load_onnxruntime()
-        options = runtime.SessionOptions()
-        options.intra_op_num_threads = threads
-        self._session = runtime.InferenceSession(str(file), options, providers=["CPUExecutionProvider"])
+        self._session = open_session(file, threads)
         self._names = [one.name for one in self._session.get_inputs()]
 
     def drive(self, observation: Mapping[str, Tensor]) -> Tensor:
         """Return steer, throttle and brake, (b, 3)."""
         (action,) = self._session.run(["action"], {name: observation[name].cpu().numpy() for name in self._names})
         return torch.from_numpy(action)
-
-
-def arrived(driven: Sequence[DrivenTrial]) -> dict[str, bool]:
-    """Return whether each journey reached its goal in time, by the trial's name."""
-    return {one.trial.id: one.outcome is not None and one.outcome.verdict is Verdict.ARRIVED for one in driven}
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -87,8 +79,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     )
     told = {}
     for file, drives in zip(models, driven, strict=True):
-        told[file] = arrived(drives)
-        by_itself, beside = (sum(arrived(some).values()) for some in (drives[: len(alone)], drives[len(alone) :]))
+        told[file] = {one.trial.id: one.arrived for one in drives}
+        by_itself, beside = (sum(one.arrived for one in some) for some in (drives[: len(alone)], drives[len(alone) :]))
         print(f"{file}: {by_itself} alone, {beside} beside traffic, of {len(alone)} each")
     if args.json:
         args.json.write_text(json.dumps(told, indent=1), "utf-8")

@@ -104,8 +104,8 @@ def load_onnxruntime() -> ModuleType:
     return module
 
 
-def open_session(file: Path) -> Any:
-    """Return an ``onnxruntime.InferenceSession`` on one thread.
+def open_session(file: Path, threads: int = 1) -> Any:
+    """Return an ``onnxruntime.InferenceSession``. On one thread, the same observation gives the same action.
 
     Raises:
         OnnxRuntimeMissingError: onnxruntime is not installed.
@@ -120,7 +120,7 @@ def open_session(file: Path) -> Any:
     if not file.is_file():
         raise ModelFileError(f"{file}: {why_no_file(file)}; name an .onnx file")
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1  # so that the same observation gives the same action
+    options.intra_op_num_threads = threads
     try:
         return onnxruntime.InferenceSession(str(file), options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime raises many classes

@@ -12,10 +12,8 @@ from wrongturn_agents.baselines import Manner, Path, RuleDriver, View
 from wrongturn_agents.baselines.drivers import made_up_path
 from wrongturn_protocol import DIRECTIONS, Action, Command
 from wrongturn_protocol.observations import Observation
-from wrongturn_protocol.vehicle import VEHICLE
+from wrongturn_protocol.vehicle import DECISION_S, VEHICLE
 
-STEP = 0.1
-"""Duration of a decision, seconds."""
 RADIUS, OPPOSED = 4.5, 4.0
 """Radius of a U-turn, and distance of the opposed lane's middle from the lane's, metres."""
 ARRIVED = 0.25
@@ -95,7 +93,7 @@ class Erratic(RuleDriver):
         if past < pause.place - ARRIVED and slow > 0.3:
             return self.manner.gain * (slow - view.speed)
         self._decisions += 1
-        if self._decisions * STEP > pause.seconds:
+        if self._decisions * DECISION_S > pause.seconds:
             self._left.pop(0)
             self._decisions = 0
         if pause.speed == 0.0:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wrongturn_networks import Town, load_town
-from wrongturn_protocol import Outcome, Track, Trial
+from wrongturn_protocol import Outcome, Track, Trial, Verdict
 from wrongturn_sim import FleetTraffic, WrongturnVectorEnv
 
 SLOW = 0.3
@@ -70,6 +70,11 @@ class DrivenTrial(NamedTuple):
     """Sum of the paper's reward."""
     stopped: bool = False
     """Whether ``stop`` ended the drive, or kept it from beginning."""
+
+    @property
+    def arrived(self) -> bool:
+        """Whether a journey reached its goal in time."""
+        return self.outcome is not None and self.outcome.verdict is Verdict.ARRIVED
 
 
 def drive_trials(

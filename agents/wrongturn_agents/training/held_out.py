@@ -8,7 +8,7 @@ from typing import Any
 
 from wrongturn_agents.training.drive import AnyModel, DrivenTrial, drive_trials
 from wrongturn_networks import Town, draw_journey, load_town
-from wrongturn_protocol import TRAINING_WEATHERS, Task, Traffic, Trial, Verdict
+from wrongturn_protocol import TRAINING_WEATHERS, Task, Traffic, Trial
 
 _SEEDS = 2**40
 """First seed of these journeys, far above the suites' seeds."""
@@ -96,7 +96,7 @@ class Evaluation:
     def _of(cls, driven: list[DrivenTrial]) -> "Evaluation":
         alone = [one for one in driven if _alone(one.trial)]
         beside = [one for one in driven if not _alone(one.trial)]
-        arrived = _arrived(alone)
+        arrived = [one for one in alone if one.arrived]
         clean = [one for one in arrived if one.outcome and one.outcome.journey and one.outcome.journey.clean]
         count = max(1, len(alone))
         return cls(
@@ -104,16 +104,12 @@ class Evaluation:
             success=len(arrived) / count,
             clean=len(clean) / count,
             reward=sum(one.reward for one in alone) / count,
-            traffic_success=len(_arrived(beside)) / len(beside) if beside else None,
+            traffic_success=sum(one.arrived for one in beside) / len(beside) if beside else None,
         )
 
 
 def _alone(trial: Trial) -> bool:
     return trial.traffic == Traffic()
-
-
-def _arrived(driven: list[DrivenTrial]) -> list[DrivenTrial]:
-    return [one for one in driven if one.outcome is not None and one.outcome.verdict is Verdict.ARRIVED]
 
 
 @dataclass
