@@ -11,6 +11,7 @@ from small_run import HERE
 from wrongturn_agents import resolve
 from wrongturn_agents.models.waypoint_control import MEMORY
 from wrongturn_agents.models.waypoints import to_picture
+from wrongturn_agents.training.errors import TrainingError
 from wrongturn_agents.training.export.export import export
 from wrongturn_agents.training.method import load
 from wrongturn_agents.training.methods.averaging import Pool
@@ -74,6 +75,16 @@ def test_a_run_resumes_where_it_stopped(run, tmp_path):
     train("lbc", directory=folder, minutes=1e-3, resume=True, **HERE)  # they are used up
     assert read_rows(folder / "progress.csv") == rows
     assert load(folder / BEST).told["evaluation"] == kept["evaluation"]
+
+
+@pytest.mark.slow
+def test_minutes_that_are_over_before_an_agent_learns_are_an_error(run, tmp_path):
+    with pytest.raises(TrainingError, match="over before lbc-privileged learned anything; begin anew"):
+        train("lbc", directory=tmp_path / "both", minutes=1e-3, options=SMALL, **HERE)
+    folder, options = tmp_path / "student", (*SMALL, f"teacher={run / PRIVILEGED_FILE}")
+    with pytest.raises(TrainingError, match="over before lbc learned anything; give --resume"):
+        train("lbc", directory=folder, minutes=1e-3, options=options, **HERE)
+    assert load(train("lbc", directory=folder, steps=32, minutes=60, resume=True, **HERE)).told["steps"] == 32
 
 
 @pytest.mark.soak

@@ -31,7 +31,7 @@ class LBCConfig(PlacesConfig):
     samples: int = 12_000_000
     """Samples from which the agent with a camera learns. The learning rate falls over them."""
     privileged_share: float = 0.2
-    """Share of the minutes for the privileged agent, if minutes are given."""
+    """Share of the minutes for the privileged agent, if minutes are given, of those left when it begins to learn."""
     batch_size: int = 512
     """Samples in a minibatch."""
     learning_rate: float = 1e-3

@@ -52,6 +52,8 @@ class Half(ABC):
             self.learner.restore(run)
         seen, count, device = self.learner.seen, config.num_envs, run.device
         run.open(seen, file=self.curve, part=self.name)
+        if seen:
+            self._limit()
         self._shown = self._evaluated = run.budget.fraction(seen)
         seed = run.stream(self.number, seen)
         self.generator = torch.Generator(device).manual_seed(seed)
@@ -73,6 +75,16 @@ class Half(ABC):
             disturbed: (n,) bool.
         """
 
+    @property
+    def minutes_share(self) -> float:
+        """Share of the minutes that are left when the half begins to learn, for its learning."""
+        return 1.0
+
+    def _limit(self) -> None:
+        budget = self.run.budget
+        if budget.seconds is not None:
+            budget.seconds = budget.begun + self.minutes_share * max(0.0, budget.seconds - budget.begun)
+
     @abstractmethod
     def loss(self, batch: dict[str, Tensor]) -> Tensor:
         """Return the mean loss of a minibatch of samples."""
@@ -89,6 +101,7 @@ class Half(ABC):
                     continue
                 if learner.seen == 0:
                     run.budget.begun = run.budget.used  # compiling and the first samples do not count
+                    self._limit()
                 self._loss: Tensor = self.loss(samples.draw(config.batch_size))
                 learner.learn(self._loss, config.batch_size, share)
                 self.learned = True
@@ -158,6 +171,11 @@ class PrivilegedHalf(Half):
     """The expert drives. Of each observation there are samples with the car moved and turned, as in the paper."""
 
     name, number, file, curve, pictures = PRIVILEGED, 0, PRIVILEGED_FILE, "privileged.csv", False
+
+    @property
+    def minutes_share(self) -> float:
+        """As the settings say."""
+        return self.config.privileged_share
 
     def teach(self, seen: dict[str, Tensor], share: float) -> tuple[dict[str, Tensor], Tensor, Tensor]:  # noqa: ARG002
         """Return the expert's waypoints as samples, and to drive by; all cars may be disturbed."""

@@ -74,15 +74,17 @@ def _placed(agent: Any, run: Run) -> Any:
 
 def _first(run: Run, agent: WaypointAgent) -> None:
     """Train the privileged agent with its share of the run's budget, and give the rest back."""
-    config, steps, minutes = run.settings, run.begun.steps, run.begun.minutes
-    own = None if minutes is None else minutes * config.privileged_share
-    samples = config.privileged_samples if minutes is None or steps is not None else None
-    run.budget = Budget(samples, own, used=run.budget.used)
+    steps, minutes = run.begun.steps, run.begun.minutes
+    samples = run.settings.privileged_samples if minutes is None or steps is not None else None
+    run.budget = Budget(samples, minutes, used=run.budget.used)
     run.budget.reserve = 0.0  # its evaluation is a short one, and the other half has time left
     half = PrivilegedHalf(run, agent)
     half.learn()
-    # The half's own minutes are used up by now. Its evaluation takes some of the other half's.
-    end = None if minutes is None else minutes * min(1.0, config.privileged_share + _MOST_RESERVED)
+    if half.learner.seen == 0:
+        raise TrainingError(f"minutes: were over before {half.name} learned anything; begin anew with more")
+    # The half's own minutes may be over by now. Its evaluation takes some of the other half's.
+    own = run.budget.seconds
+    end = None if minutes is None or own is None else min(minutes, own / 60.0 + _MOST_RESERVED * minutes)
     clock = Budget(samples, end, used=run.budget.used)
     evaluation = half.evaluate(track="privileged", stop=clock.out_of_time)
     half.row(evaluation)
@@ -94,11 +96,15 @@ def _second(run: Run, agent: WaypointAgent, teacher: WaypointAgent) -> None:
     """Train the agent with a camera."""
     half = SensorimotorHalf(run, agent, teacher)
     half.learn()
+    if half.learner.seen == 0:
+        half.save_state()
+        raise TrainingError(f"minutes: were over before {half.name} learned anything; give --resume and more --minutes")
     if half.learned:  # an interrupted evaluation is driven again on --resume
         half.save(None)
         half.save_state()
     evaluation = half.evaluate(last=True)
     half.row(evaluation)
-    if half.learned or evaluation is not None:  # a finished run that is resumed without time left keeps what it has
+    # A finished run that is resumed without time left keeps what it has.
+    if half.learned or evaluation is not None or not (run.folder / half.file).is_file():
         half.save(evaluation)
     half.save_state()
