@@ -4,7 +4,7 @@
 
 A run keeps the best of its agents by 50 journeys alone and the same 50 beside simple traffic. These journeys have the
 next seeds, in the same towns, with the same traffic and under the same rules: a drive also fails when the car leaves
-its road or lane, or stands. On a CPU a drive takes 13 to 25 seconds of a core. After every 50 journeys the command says
+its road or lane, or stands. On a CPU a drive takes 11 to 25 seconds of a core. After every 50 journeys the command says
 how far it is, and writes the file of ``--json`` anew.
 """
 
