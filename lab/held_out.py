@@ -5,7 +5,7 @@
 A run keeps the best of its agents by 50 journeys alone and the same 50 beside simple traffic. These journeys have the
 next seeds, in the same towns, with the same traffic and under the same rules: a drive also fails when the car leaves
 its road or lane, or stands. On a CPU a drive takes 11 to 25 seconds of a core. After every 50 journeys the command says
-how far it is, and writes the file of ``--json`` anew.
+how many are done, and writes what all agents did so far into the file of ``--json``.
 """
 
 import argparse
@@ -25,6 +25,7 @@ from wrongturn_agents.training.held_out import held_out_journeys, with_traffic
 from wrongturn_agents.training.methods.ppo.config import PPOConfig
 from wrongturn_agents.training.world import MEETING, held_out_towns
 from wrongturn_protocol import Track
+from wrongturn_protocol.json_output import JsonFileError, check_json_file, write_json
 
 _RUN: Final = PPOConfig(towns=1)
 """A run's number of journeys and its rules. With drawn towns, whatever their number, it has two held-out ones."""
@@ -61,11 +62,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     for name in ("journeys", "threads"):
         if getattr(args, name) < 1:
             parser.error(f"--{name}: is {getattr(args, name)}; give 1 or more")
-    if args.json and not args.json.parent.is_dir():
-        parser.error(f"--json: {args.json.parent} is not a folder; make it first")
     try:
+        check_json_file(args.json)
         models = {str(file): BatchedFile(file, args.threads) for file in args.files}
-    except AgentsError as error:
+    except (AgentsError, JsonFileError) as error:
         parser.error(str(error))
     towns = held_out_towns(_RUN)
     journeys = held_out_journeys(_RUN.journeys + args.journeys, towns)[_RUN.journeys :]
@@ -85,10 +85,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         )
         for file, drives in zip(told, driven, strict=True):
             told[file] |= {one.trial.id: one.arrived for one in drives}
-        if args.json:
-            beside = args.json.with_name(f".{args.json.name}.new")
-            beside.write_text(json.dumps(told, indent=1), "utf-8")
-            beside.replace(args.json)
+        write_json(json.dumps(told, indent=1), args.json)
         print(f"{done + len(alone)} of {len(journeys)} journeys", flush=True)
     for file, arrived in told.items():
         by_itself, in_traffic = (sum(arrived[one.id] for one in some) for some in (journeys, with_traffic(journeys)))

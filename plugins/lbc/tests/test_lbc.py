@@ -79,7 +79,7 @@ def test_a_run_resumes_where_it_stopped(run, tmp_path):
 
 @pytest.mark.slow
 def test_minutes_that_are_over_before_an_agent_learns_are_an_error(run, tmp_path):
-    with pytest.raises(TrainingError, match="over before lbc-privileged learned anything; begin anew"):
+    with pytest.raises(TrainingError, match="over before lbc-privileged learned anything; begin again with"):
         train("lbc", directory=tmp_path / "both", minutes=1e-3, options=SMALL, **HERE)
     folder, options = tmp_path / "student", (*SMALL, f"teacher={run / PRIVILEGED_FILE}")
     with pytest.raises(TrainingError, match="over before lbc learned anything; give --resume"):

@@ -81,7 +81,7 @@ def _first(run: Run, agent: WaypointAgent) -> None:
     half = PrivilegedHalf(run, agent)
     half.learn()
     if half.learner.seen == 0:
-        raise TrainingError(f"minutes: were over before {half.name} learned anything; begin anew with more")
+        raise TrainingError(f"minutes: were over before {half.name} learned anything; begin again with more --minutes")
     # The half's own minutes may be over by now. Its evaluation takes some of the other half's.
     own = run.budget.seconds
     end = None if minutes is None or own is None else min(minutes, own / 60.0 + _MOST_RESERVED * minutes)
