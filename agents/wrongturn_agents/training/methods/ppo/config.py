@@ -181,7 +181,7 @@ class AuxiliaryConfig(_ResNetConfig):
     keys: ClassVar[tuple[str, ...]] = ("speed", "steering", "command", "rgb", "segmentation")
 
     n_steps: int = 16
-    """Decisions of each car between two updates. With 32, reward rose more slowly (``docs/training.md``)."""
+    """Decisions of each car between two updates. With 32, reward rose more slowly (``docs/training-runs.md``)."""
     batch_size: int = 1_024
     """Frames in a minibatch."""
     n_epochs: int = 3
