@@ -6,6 +6,7 @@ import gc
 import inspect
 import os
 from collections.abc import Generator, Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx._transports.default
@@ -72,6 +73,10 @@ TOGETHER = {
 all of a group. The longest group comes first."""
 
 
+SLOW = frozenset((Path(__file__).parent / "tests/slow.txt").read_text("utf-8").split())
+"""The tests that CI leaves out, with or without a case's name; CONTRIBUTING.md has the rule."""
+
+
 def group_of(nodeid: str) -> str | None:
     """The group of a test, None without one."""
     file = nodeid.split("::", 1)[0]
@@ -104,7 +109,10 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put groups first, then the files with slow tests: no worker is left alone with a long one at the end."""
+    """Mark the slow tests. Put groups first, then files with slow tests, so that no worker ends with a long one alone."""
+    for item in items:
+        if not SLOW.isdisjoint({item.nodeid, item.nodeid.split("[")[0]}):
+            item.add_marker("slow")
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     groups = list(dict.fromkeys(TOGETHER.values()))
 

@@ -122,7 +122,6 @@ def single(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return (folder / "single.json").read_bytes()
 
 
-@pytest.mark.slow
 def test_what_is_killed_or_fails_goes_on_with_what_the_file_has(here: Path, single: bytes):
     (here / "kill").write_text("worker")
     died = batch("Kills", "out.json")
@@ -139,7 +138,6 @@ def test_what_is_killed_or_fails_goes_on_with_what_the_file_has(here: Path, sing
     assert (here / "out.json").read_bytes() == single
 
 
-@pytest.mark.slow
 def test_a_batch_gives_what_act_gives(here: Path, single: bytes):
     batched = batch("Batched", "batched.json")
     assert batched.returncode == 0, batched.stderr
@@ -148,7 +146,6 @@ def test_a_batch_gives_what_act_gives(here: Path, single: bytes):
     assert "brakes.act_batch returned 0 actions for 3 observations" in batch("Short", "short.json").stderr
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("agent", "suite", "crowded"),
     [

@@ -76,7 +76,7 @@ def exported(checkpoint, tmp_path_factory):
         pytest.param("ppo-image", "fp32", 1e-5, 1e-4, marks=pytest.mark.soak),
         pytest.param("ppo-auxiliary", "fp32", 1e-5, 1e-4, marks=pytest.mark.soak),
         ("ppo-segmentation", "fp16", 1e-3, 5e-3),
-        pytest.param("ppo-segmentation", "int8", 0.02, 0.1, marks=pytest.mark.slow),
+        pytest.param("ppo-segmentation", "int8", 0.02, 0.1),
         pytest.param("ppo-image", "int8", 0.05, 0.2, marks=pytest.mark.soak),
     ],
 )

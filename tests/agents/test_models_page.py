@@ -44,13 +44,11 @@ def folder(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.mark.slow
 def test_the_programs_write_their_models_and_nothing_else(folder):
     models = {name.replace(".py", ".onnx") for name in PROGRAMS}
     assert {path.name for path in folder.iterdir()} == {*PROGRAMS, *models}
 
 
-@pytest.mark.slow
 def test_plain_torch_makes_a_model_in_fifteen_lines(folder):
     assert len([line for line in PROGRAMS["my_driver.py"].splitlines() if line.strip()]) <= 15
     actions = drive(folder / "my_driver.onnx")
@@ -58,7 +56,6 @@ def test_plain_torch_makes_a_model_in_fifteen_lines(folder):
     assert actions[0] != (0.0, 0.0, 0.0)
 
 
-@pytest.mark.slow
 def test_a_recurrent_model_remembers(folder):
     file = folder / "my_rememberer.onnx"
     first = drive(file)

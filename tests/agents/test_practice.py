@@ -74,7 +74,6 @@ def test_results_among_other_road_users_join_those_in_process(tmp_path: Path):
     assert len(shipped.trials) == len(collection.by_seed("navigation@1", "ppo-image")[1].trials) == 400
 
 
-@pytest.mark.slow
 def test_trials_are_driven_and_gone_on_with(service: LocalService, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("WRONGTURN_TOKEN", "of another service")
     whole = installed_suite("navigation@1")
@@ -96,7 +95,6 @@ def test_trials_are_driven_and_gone_on_with(service: LocalService, tmp_path: Pat
     assert json.loads(file.read_text())["driven"] == "over the service"
 
 
-@pytest.mark.slow
 def test_a_run_of_a_service_and_its_file_are_the_same(service: LocalService, tmp_path: Path, monkeypatch):
     monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path))
     monkeypatch.delenv("WRONGTURN_TOKEN", raising=False)

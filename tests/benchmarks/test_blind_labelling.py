@@ -37,19 +37,16 @@ def pairs(tool: Any, request: pytest.FixtureRequest) -> list[Any]:
     return compared
 
 
-@pytest.mark.slow
 def test_the_page_shows_what_labels_and_judge_say(tool: Any, pairs: list[Any]) -> None:
     page = (ROOT / "benchmarks/blind_labelling/README.md").read_text("utf-8")
     assert tool.comparison.table(pairs) in page
 
 
-@pytest.mark.slow
 def test_the_judge_says_what_it_said_then(tool: Any, pairs: list[Any]) -> None:
     made = tool.experiment.EXPERIMENTS["eight_drivers" if len(pairs) == 150 else "hard_cases"]
     assert {pair.number: pair.judged for pair in pairs} == tool.comparison.read(made.verdicts)
 
 
-@pytest.mark.slow
 def test_labels_and_judge_agree_on_99_percent_of_the_clear_drives(pairs: list[Any]) -> None:
     clear = [pair for pair in pairs if pair.label.clear]
     assert len(clear) > 0.9 * len(pairs)
@@ -59,7 +56,6 @@ def test_labels_and_judge_agree_on_99_percent_of_the_clear_drives(pairs: list[An
     assert sum(pair.agrees for pair in rest) >= 0.99 * len(rest)
 
 
-@pytest.mark.slow
 def test_a_disagreement_has_its_picture_on_the_page(pairs: list[Any]) -> None:
     page = (ROOT / "benchmarks/blind_labelling/README.md").read_text("utf-8")
     name = "eight-drivers" if len(pairs) == 150 else "hard-cases"

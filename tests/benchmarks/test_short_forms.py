@@ -34,7 +34,6 @@ DRIVES = {"careful_http.py", "http_step.py"}
 """Those that drive over the tests' shared service instead of one of their own."""
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "figures"), [pytest.param(name, figures, marks=marks, id=name) for name, figures, marks in SHORT]
 )

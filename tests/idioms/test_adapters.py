@@ -44,7 +44,6 @@ def test_an_adapter_is_a_recipe_of_at_most_120_lines(name):
     assert re.search(r"^What changes: (.|\n)+\.\s+Nothing\s+else\.", told, re.MULTILINE)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(one, marks=[pytest.mark.soak] * (one in LONG)) for one in ADAPTERS])
 def test_an_adapter_drives_a_suite_to_a_row(service, name, tmp_path, monkeypatch):
     monkeypatch.setenv("WRONGTURN_HOME", str(tmp_path))

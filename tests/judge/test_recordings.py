@@ -37,7 +37,6 @@ def changed(recording: Recording, **fields: Any) -> Recording:
     return Recording.model_validate({**recording.model_dump(), **fields})
 
 
-@pytest.mark.slow
 def test_native_drives_get_their_outcomes_back(tmp_path: Path) -> None:
     for number, trial in islice(enumerate(trials()), 0, None, 7):
         native = drive_trial(AGENTS[number % len(AGENTS)], trial)

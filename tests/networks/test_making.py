@@ -11,7 +11,6 @@ from wrongturn_networks.making import build
 from wrongturn_networks.making.recipes import RECIPES
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", town_names())  # each has a recipe
 def test_a_town_built_again_is_the_same_bytes(name: str, tmp_path: Path) -> None:
     build(RECIPES[name], tmp_path / name)

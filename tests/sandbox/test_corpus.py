@@ -15,8 +15,6 @@ from wrongturn_sandbox.checking import check
 from wrongturn_sandbox.reasons import printable
 from wrongturn_sandbox.session import Session
 
-pytestmark = pytest.mark.slow
-
 TIME = 60.0
 """Seconds, with room for a busy machine."""
 LIMITS = Limits(memory=1 << 30)

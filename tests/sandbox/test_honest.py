@@ -153,7 +153,6 @@ def test_a_closed_sandbox_says_so(place: Path | None) -> None:
         sandbox.load(model())
 
 
-@pytest.mark.slow
 def test_a_model_of_a_hundred_megabytes_fits(listener: Path) -> None:
     weights = np.full((5000, 5000), 1e-9, np.float32)
     nodes = [

@@ -72,7 +72,6 @@ def test_a_rigs_observations_are_those_in_process(service: RunningService, way: 
         calls.abort_episode(begun.id)
 
 
-@pytest.mark.slow
 def test_an_evaluation_is_driven_by_waypoints_and_shows_its_rig(service: RunningService) -> None:
     with Client(service.url) as stranger:
         registered = stranger.register("straight on", "camera", rig=RIG)
@@ -131,7 +130,6 @@ class Hears:
         return 0.0, 0.0, 1.0
 
 
-@pytest.mark.slow
 def test_an_agent_of_the_track_words_is_told_sentences_and_listed(service: RunningService) -> None:
     policy = Hears()
     with Client(service.url) as stranger:

@@ -11,7 +11,6 @@ from corpus_files import MARK
 from service_harness import RunningService, expect, running_service
 from submission_owner import Owner
 
-pytestmark = pytest.mark.slow
 PATIENCE_S = 600.0
 SOME = ("a-gibibyte-and-more", "cut-off", "memory-expand", "crash", "output-missing")
 """Uploads of the corpus for every run of the tests: one for each place that refuses them."""

@@ -86,7 +86,6 @@ def test_the_extras_that_the_pages_install_are_those_of_wrongturn() -> None:
     assert {extra for extras in shown for extra in extras.split(",")} == extras_of(ROOT)
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_the_readmes_environment_runs(tmp_path: Path) -> None:
     (snippet,) = re.findall(r"```python\n(.*?)```", section(README, "Install"), re.DOTALL)
@@ -94,7 +93,6 @@ def test_the_readmes_environment_runs(tmp_path: Path) -> None:
     assert run("python snippet.py", tmp_path).startswith("(64, 192, 3) [")
 
 
-@pytest.mark.slow
 @pytest.mark.system
 @pytest.mark.timeout(900)
 def test_the_readmes_agent_comes_to_the_leaderboard(tmp_path: Path, service: LocalService) -> None:

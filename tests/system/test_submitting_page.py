@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/submitting.md").read_text("utf-8").partition("\n## The sandbox")[0]
 MODEL = ROOT / "agents/wrongturn_agents/weights/ppo-segmentation.onnx"
 SERVED_AT = "http://127.0.0.1:8000"
-pytestmark = [pytest.mark.slow, pytest.mark.system, pytest.mark.timeout(600), pytest.mark.usefixtures("bubblewrap")]
+pytestmark = [pytest.mark.system, pytest.mark.timeout(600), pytest.mark.usefixtures("bubblewrap")]
 
 
 @pytest.fixture(scope="module")

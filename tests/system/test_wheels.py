@@ -124,7 +124,6 @@ def check_files(wheels: Wheels, name: str) -> None:
     assert not {file for file in inside if file.startswith("test")}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["wrongturn", *(f"wrongturn-{part}" for part in BUILT)])
 def test_a_wheel_has_the_parts_files_and_no_others(wheels: Wheels, name: str) -> None:
     check_files(wheels, name)
@@ -137,7 +136,6 @@ def test_the_other_wheels_have_their_files_too(all_wheels: Wheels, name: str) ->
     check_files(all_wheels, name)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wanted", "heavy"),
     [
@@ -155,7 +153,6 @@ def test_a_part_asks_for_nothing_heavy_that_it_does_not_need(wheels: Wheels, wan
     assert wheels.closure(wanted) & HEAVY == heavy
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wanted", "packages", "left_out"),
     [
@@ -179,7 +176,6 @@ def test_each_module_of_a_part_imports_with_what_it_asks_for(
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.slow
 def test_the_client_works_alone(wheels: Wheels, tmp_path: Path) -> None:
     environment = wheels.install(tmp_path / "venv", "wrongturn")
     done = environment.wrongturn("doctor")
@@ -188,7 +184,6 @@ def test_the_client_works_alone(wheels: Wheels, tmp_path: Path) -> None:
     assert "wrongturn-service   not installed" in done.stdout
 
 
-@pytest.mark.slow
 def test_the_simulation_drives_without_a_service(wheels: Wheels, tmp_path: Path) -> None:
     environment = wheels.install(tmp_path / "venv", "wrongturn[sim]")
     done = environment.python("-c", DRIVE)
@@ -199,14 +194,12 @@ def test_the_simulation_drives_without_a_service(wheels: Wheels, tmp_path: Path)
     assert re.fullmatch(rf"serve: .*fastapi, .*: not installed; \S+ {advice}\n", done.stderr)
 
 
-@pytest.mark.slow
 def test_agents_drive_without_torch(wheels: Wheels, tmp_path: Path) -> None:
     environment = wheels.install(tmp_path / "venv", "wrongturn-agents[onnx]")
     done = environment.python("-c", ACT, "careful", "ppo-segmentation")
     assert done.stdout == "Action\nAction\n", done.stderr
 
 
-@pytest.mark.slow
 def test_a_run_without_a_service_says_what_to_install(wheels: Wheels, tmp_path: Path) -> None:
     environment = wheels.install(tmp_path / "venv", "wrongturn[agents]")
     done = environment.wrongturn("run", "careful", "--suite", "smoke@3")

@@ -39,7 +39,6 @@ def run(tmp_path_factory: pytest.TempPathFactory, small_lbc: None) -> Path:
     return folder
 
 
-@pytest.mark.slow
 def test_a_short_training_beats_a_random_policy(run):
     chance = metres(by_chance())
     files = {PRIVILEGED_FILE: ("lbc-privileged", "privileged.csv", 2.0), BEST: ("lbc", "progress.csv", 1.5)}
@@ -62,7 +61,6 @@ def test_the_privileged_agent_is_evaluated_after_its_own_minutes(tmp_path):
     assert load(tmp_path / PRIVILEGED_FILE).told["evaluation"]["journeys"] == 1
 
 
-@pytest.mark.slow
 def test_a_run_resumes_where_it_stopped(run, tmp_path):
     folder, more = tmp_path / "run", SAMPLES + 64
     shutil.copytree(run, folder)
@@ -77,7 +75,6 @@ def test_a_run_resumes_where_it_stopped(run, tmp_path):
     assert load(folder / BEST).told["evaluation"] == kept["evaluation"]
 
 
-@pytest.mark.slow
 def test_minutes_that_are_over_before_an_agent_learns_are_an_error(run, tmp_path):
     with pytest.raises(TrainingError, match="over before lbc-privileged learned anything; begin again with"):
         train("lbc", directory=tmp_path / "both", minutes=1e-3, options=SMALL, **HERE)
@@ -106,7 +103,6 @@ def test_a_given_teacher_teaches_an_agent_of_another_width(run, tmp_path):
     assert not (folder / "privileged.csv").exists()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("file", [BEST, pytest.param(PRIVILEGED_FILE, marks=pytest.mark.soak)])
 def test_the_file_drives_as_the_checkpoint_does(run, file, tmp_path):
     exported = tmp_path / "agent.onnx"

@@ -61,7 +61,6 @@ def test_a_pretraining_without_time_says_so(tmp_path, small_marln):
     assert not (tmp_path / "encoder.pt").exists()
 
 
-@pytest.mark.slow
 def test_a_run_goes_on_and_its_file_drives_alike(run, tmp_path):
     folder, more = tmp_path / "run", STEPS + 320
     shutil.copytree(run, folder)

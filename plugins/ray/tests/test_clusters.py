@@ -26,7 +26,6 @@ from wrongturn_sandbox import SandboxUnavailableError, bubblewrap, gpu
 from wrongturn_sandbox.session import providers
 from wrongturn_service.settings import Settings
 
-pytestmark = pytest.mark.slow
 EPISODES = 12
 OFTEN = "crash"
 """The upload of the corpus that every run of the tests has."""

@@ -62,7 +62,6 @@ def test_a_short_training_beats_chance_in_towns_never_seen(tmp_path: Path, monke
     assert found["steps"] == ENOUGH
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(one, marks=() if one == NAME else pytest.mark.soak) for one in DOUBTING_AGENTS]
 )
@@ -110,7 +109,6 @@ def test_the_file_drives_as_the_parts_do(
     assert beside.act(first) == fresh.act(first)
 
 
-@pytest.mark.slow
 def test_a_run_goes_on_and_its_checkpoint_is_known_as_what_it_is(checkpoint: Path, tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match="doubting-segmentation does not drive by itself; export it"):
         score(checkpoint, "smoke@3", device="cpu")
@@ -125,7 +123,6 @@ def test_a_run_goes_on_and_its_checkpoint_is_known_as_what_it_is(checkpoint: Pat
     assert {PICTURES, PICTURES + 128} <= {*steps}
 
 
-@pytest.mark.slow
 def test_the_shipped_one_overrides_what_the_road_does_not_offer(monkeypatch: pytest.MonkeyPatch) -> None:
     """A trial of the open draw for each fault, which the twins go with."""
     suite = load_suite("smoke@3")

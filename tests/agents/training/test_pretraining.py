@@ -38,7 +38,6 @@ def test_older_runs_keep_the_projection_that_they_were_trained_with():
     assert [[type(layer).__name__ for layer in layers[2:]] for layers in ends] == [["LayerNorm", "ELU"], ["ReLU"]]
 
 
-@pytest.mark.slow
 def test_an_encoder_is_pretrained_once_and_taken_by_others(tmp_path, monkeypatch):
     """The first run is interrupted after its pretraining, and goes on."""
 
