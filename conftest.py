@@ -74,7 +74,7 @@ all of a group. The longest group comes first."""
 
 
 SLOW = frozenset((Path(__file__).parent / "tests/slow.txt").read_text("utf-8").splitlines())
-"""The tests that CI leaves out, with or without a case's name; CONTRIBUTING.md has the rule."""
+"""The tests that CI leaves out: whole tests, or single cases of them. CONTRIBUTING.md has the rule."""
 
 
 def group_of(nodeid: str) -> str | None:
@@ -109,7 +109,7 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the slow tests. Put groups first, then files with slow tests: no worker ends alone with a long one."""
+    """Mark the slow tests. Put groups first, then the files of slow tests: no worker ends alone with a long one."""
     for item in items:
         if not SLOW.isdisjoint({item.nodeid, item.nodeid.split("[")[0]}):
             item.add_marker("slow")

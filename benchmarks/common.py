@@ -8,7 +8,7 @@ from typing import Any
 
 
 def parser(about: str | None) -> argparse.ArgumentParser:
-    """A benchmark's options; ``--short`` is what CI runs."""
+    """A benchmark's options; ``--short`` is what the tests run."""
     made = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
     made.add_argument("--short", action="store_true", help="as little as shows that it works; the figures mean nothing")
     made.add_argument("--json", type=Path, metavar="FILE", help="write the figures there too")

@@ -1,6 +1,6 @@
 """What the five baselines are shipped for: their results on the paper's suite, exactly.
 
-CI drives the most careful one and the least careful one.
+The shorter run drives the most careful one and the least careful one.
 """
 
 from collections import Counter

@@ -299,7 +299,7 @@ def test_a_run_that_the_operator_ends_cannot_be_resumed(url, path, says):
     assert says.format(evaluation) in done.stderr.rstrip().splitlines()[-1]
 
 
-@pytest.mark.soak  # CI interrupts runs on a shared service, below and above
+@pytest.mark.soak  # the shorter run does so on a shared service, below and above
 def test_an_interrupted_run_on_its_own_service_goes_on(tmp_path, home):
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a shell would ignore Ctrl-C
     environment = {**os.environ, "NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR", ""), "WRONGTURN_SIMULATORS": "1"}

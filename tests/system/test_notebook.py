@@ -31,7 +31,7 @@ def told(notebook: nbformat.NotebookNode) -> str:
 @pytest.mark.timeout(900)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of the kernel's connection
 def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """CI trains, exports and drives the same network by the page of the tutorial."""
+    """The page of the tutorial trains, exports and drives the same network."""
     for name in ("WRONGTURN_URL", "WRONGTURN_TOKEN", "WRONGTURN_OWNER_TOKEN", "WRONGTURN_OPERATOR_TOKEN"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))

@@ -59,12 +59,12 @@ def assert_alike(model, file: Path, track: Track) -> None:
 
 
 # The tests below export PPO with either kind of actions.
-IN_CI = [(SAC, CONTROLS), (TD3, ACCELERATE)]
+SHORTER = [(SAC, CONTROLS), (TD3, ACCELERATE)]
 EACH = [(algorithm, actions) for algorithm in (PPO, A2C, SAC, TD3, DDPG) for actions in (CONTROLS, ACCELERATE)]
 
 
 @pytest.mark.parametrize(
-    ("algorithm", "actions"), [pytest.param(*one, marks=() if one in IN_CI else pytest.mark.soak) for one in EACH]
+    ("algorithm", "actions"), [pytest.param(*one, marks=() if one in SHORTER else pytest.mark.soak) for one in EACH]
 )
 def test_each_algorithm_drives_as_its_policy(tmp_path, algorithm, actions):
     options = {"device": "cpu", "seed": 1} if algorithm in {PPO, A2C} else OFF_POLICY
