@@ -127,7 +127,7 @@ def test_the_tutorials_agent_is_trained_exported_and_driven(tmp_path: Path, serv
 @pytest.mark.timeout(1200)
 @pytest.mark.usefixtures("bubblewrap")
 def test_the_tutorials_agent_comes_to_the_leaderboard(tmp_path: Path) -> None:
-    """The shorter run follows the page up to the service, and hands models in by the commands of the page on submitting."""
+    """The shorter run follows the page up to the service, and hands models in as the page on submitting does."""
     text = TUTORIAL.split("\n## 2. ")[1]
     assert [command.split()[:2] for command in commands(text)] == [
         ["python", "train.py"],

@@ -6,7 +6,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 
 
-def tests_of(file: str) -> set[str]:
+def defined_in(file: str) -> set[str]:
     """The names of a file's tests, after the class of those that have one."""
     found = set()
     for one in ast.parse((ROOT / file).read_text("utf-8")).body:
@@ -21,4 +21,4 @@ def test_each_name_is_a_tests_name() -> None:
     assert names == sorted(set(names))
     for name in names:
         file, test = name.split("[")[0].split("::", 1)
-        assert test in tests_of(file), name
+        assert test in defined_in(file), name

@@ -1,7 +1,7 @@
 """A short training tells exits and distances better than chance, in a town that it never saw; its file drives alike.
 
-The shorter run trains for a moment in the towns that are shipped, which is enough for a file. ``-m soak`` trains in generated ones
-until the network has learned.
+The shorter run trains for a moment in the towns that are shipped, which is enough for a file. ``-m soak`` trains in
+generated ones until the network has learned.
 """
 
 import dataclasses
