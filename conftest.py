@@ -110,10 +110,11 @@ def pytest_collection() -> Generator[None, object, object]:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the slow tests. Put groups first, then the files of slow tests: no worker ends alone with a long one."""
+    slow = set()
     for item in items:
         if not SLOW.isdisjoint({item.nodeid, item.nodeid.split("[")[0]}):
             item.add_marker("slow")
-    slow = {item.path for item in items if item.get_closest_marker("slow")}
+            slow.add(item.path)
     groups = list(dict.fromkeys(TOGETHER.values()))
 
     def turn(item: pytest.Item) -> int:

@@ -24,7 +24,7 @@ def check(report: Report, kills: int) -> None:
     assert set(report.gave_up) <= {"ServiceUnreachableError"}
 
 
-@pytest.mark.soak  # test_recovery.py and tests/agents/test_worker.py kill each part once
+@pytest.mark.soak  # tests/service/test_recovery.py and tests/agents/test_worker.py kill each part once
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("database", ["SQLite", "PostgreSQL"])
 def test_a_hundred_kills(database: str, tmp_path: Path) -> None:
