@@ -7,6 +7,7 @@ from wrongturn_agents.training.drive import drive_trials
 from wrongturn_agents.training.held_out import Evaluation, held_out_journeys, shortest, with_traffic
 from wrongturn_networks import draw_journey, load_suite, load_town
 from wrongturn_protocol import Task, Traffic, Verdict
+from wrongturn_sim.camera import Camera
 
 
 class Constant:
@@ -18,6 +19,7 @@ class Constant:
 
     def drive(self, observation):
         self.batches.append(len(observation["speed"]))
+        self.last = observation
         return self.controls.expand(len(observation["speed"]), 3)
 
 
@@ -70,6 +72,13 @@ def test_standing_cars_are_given_up():
     (driven,) = drive_trials([driver], short_journeys()[:3], track="state", batch=2, patience=3.0)
     assert [one.outcome for one in driven] == [None] * 3
     assert len(driver.batches) <= 70
+
+
+def test_cars_see_through_the_camera_that_is_given():
+    drivers = [Constant(0.0, 0.0, 1.0), Constant(0.0, 0.0, 1.0)]
+    for driver, camera in zip(drivers, (Camera(), Camera(up=2.0)), strict=True):
+        drive_trials([driver], short_journeys()[3:4], track="segmentation", patience=0.2, camera=camera)
+    assert not torch.equal(*(driver.last["segmentation"] for driver in drivers))
 
 
 def test_held_out_journeys_are_in_no_suite():
