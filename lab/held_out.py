@@ -4,11 +4,12 @@
 
 A run keeps the best of its agents by 50 journeys alone and the same 50 beside simple traffic. These journeys have the
 next seeds, in the same towns, with the same traffic and under the same rules: a drive also fails when the car leaves
-its road or lane, or stands. On a CPU a drive by a ResNet-34 takes 11 to 25 seconds of a core. After every portion
+its road or lane, or stands. On a CPU a drive by a ResNet-34 takes 11 to 25 seconds of a core. After every 50 journeys
 the command says how many are done, and writes what all agents did so far into the file of ``--json``.
 
-With ``--cameras`` each five of the journeys have another camera, as ``cameras=true`` draws them for a training:
-up to 2.9 degrees of tilt, 0.2 m of height and 8 % of focal length away from the benchmark's.
+With ``--cameras`` each five of the journeys have a camera of their own, up to 2.9 degrees of tilt, 0.2 m of height and
+8 % of focal length away from the benchmark's, as in a training with ``cameras=true``. Here the tilt is a horizon that
+is moved up or down. The command then writes after every five.
 """
 
 import argparse
@@ -33,11 +34,11 @@ from wrongturn_protocol.json_output import JsonFileError, check_json_file, write
 _RUN: Final = PPOConfig(towns=1)
 """A run's number of journeys and its rules. With drawn towns, whatever their number, it has two held-out ones."""
 _AT_ONCE: Final = 50
-"""Journeys between two writes of the file. A portion waits for its longest drive, so few portions are faster."""
+"""Journeys between two writes of the file, without ``--cameras``. Few portions are faster: each waits for its longest."""
 _WITH_ONE_CAMERA: Final = 5
 """Journeys that share a camera with ``--cameras``."""
 _CAMERAS: Final = 2**40
-"""Number of the seeds of these cameras, which no training has."""
+"""Number of the stream of these cameras' seeds, which no training has."""
 _TRACKS: Final = (Track.CAMERA, Track.SEGMENTATION)
 
 
@@ -87,7 +88,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     told: dict[str, dict[str, bool]] = {file: {} for file in models}
     portion = _WITH_ONE_CAMERA if args.cameras else _AT_ONCE
     # A moved horizon instead of a pitched camera: a CPU draws it ten times faster.
-    mounts = mounts_of(len(journeys) // portion + 1, _CAMERAS, level=True) if args.cameras else []
+    mounts = mounts_of(-(-len(journeys) // portion), _CAMERAS, level=True) if args.cameras else []
     for done in range(0, len(journeys), portion):
         alone = journeys[done : done + portion]
         driven = drive_trials(
@@ -108,7 +109,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         print(f"{done + len(alone)} of {len(journeys)} journeys", flush=True)
     for file, arrived in told.items():
         by_itself, in_traffic = (sum(arrived[one.id] for one in some) for some in (journeys, with_traffic(journeys)))
-        print(f"{file}: {by_itself} alone, {in_traffic} beside traffic, of {len(journeys)} each")
+        through = ", through other cameras" if args.cameras else ""
+        print(f"{file}: {by_itself} alone, {in_traffic} beside traffic, of {len(journeys)} each{through}")
 
 
 if __name__ == "__main__":

@@ -112,7 +112,7 @@ def drive_trials(
             use it.
         towns: the towns of the trials that are not installed, by name.
         own_traffic: how other road users behave.
-        camera: where the cars' camera sits and its optics; the benchmark's by default.
+        camera: where the cars' camera sits and its optics, in the tracks that have one; the benchmark's by default.
         stop: called before each decision; True gives up all drives that have not ended.
 
     Returns:
