@@ -34,7 +34,7 @@ from wrongturn_protocol.json_output import JsonFileError, check_json_file, write
 _RUN: Final = PPOConfig(towns=1)
 """A run's number of journeys and its rules. With drawn towns, whatever their number, it has two held-out ones."""
 _AT_ONCE: Final = 50
-"""Journeys between two writes of the file, without ``--cameras``. Few portions are faster: each waits for its longest."""
+"""Journeys between two writes of the file, without ``--cameras``. A portion waits for its longest: few are faster."""
 _WITH_ONE_CAMERA: Final = 5
 """Journeys that share a camera with ``--cameras``."""
 _CAMERAS: Final = 2**40
