@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -13,9 +13,6 @@ from torch import Tensor
 from wrongturn_networks import Town, load_town
 from wrongturn_protocol import Outcome, Track, Trial, Verdict
 from wrongturn_sim import FleetTraffic, WrongturnVectorEnv
-
-if TYPE_CHECKING:
-    from wrongturn_sim.camera import Camera
 
 SLOW = 0.3
 """A slower car counts as standing, m/s."""
@@ -92,7 +89,7 @@ def drive_trials(
     strict: bool = False,
     towns: Mapping[str, Town] = MappingProxyType({}),
     own_traffic: FleetTraffic = FleetTraffic(),  # noqa: B008 - immutable
-    camera: "Camera | None" = None,
+    camera: Any = None,
     stop: Callable[[], bool] = lambda: False,
 ) -> list[list[DrivenTrial]]:
     """Drive every trial with every model, all side by side.
@@ -112,7 +109,7 @@ def drive_trials(
             use it.
         towns: the towns of the trials that are not installed, by name.
         own_traffic: how other road users behave.
-        camera: where the cars' camera sits and its optics, in the tracks that have one; the benchmark's by default.
+        camera: a ``wrongturn_sim.camera.Camera`` for all cars, in the tracks that have one; the benchmark's by default.
         stop: called before each decision; True gives up all drives that have not ended.
 
     Returns:
