@@ -26,8 +26,6 @@ _BATCH: Final = 20_000
 
 COMPARED: Final = ("ppo-segmentation", "ppo-image", "ppo-auxiliary")
 """The agents that the paper's authors trained, from the most unsafe to the least. Others trained the rest."""
-VARIANTS: Final[Mapping[str, str]] = {"ppo-segmentation": "drawn-towns"}
-"""The seeds that learned in drawn towns too, as those of the other two did."""
 Counts = Mapping[str, Sequence[int]]
 """Unsafe counts by algorithm, one a seed; algorithms from the paper's most unsafe to its least."""
 
@@ -82,7 +80,7 @@ def unsafe_by_seed(collection: Collection, names: Sequence[str] = COMPARED) -> d
 
 
 def _by_seed(collection: Collection, name: str) -> dict[int, UnsafeCounts]:
-    found = counts_by_seed(collection, name, VARIANTS.get(name)).items()
+    found = counts_by_seed(collection, name).items()
     return {seed: one for seed, one in found if seed is not None}
 
 
