@@ -67,14 +67,17 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="+", type=Path, help="Model files. Example: ppo-image.onnx")
     parser.add_argument("--journeys", type=int, default=200, help="Number of journeys. Example: --journeys 200")
+    parser.add_argument("--after", type=int, default=0, help="Leave out the first. Example: --after 100")
     parser.add_argument("--cameras", action="store_true", help="Give each five another camera. Example: --cameras")
     parser.add_argument("--device", default="cpu", help="Device of the pictures. Example: --device cuda")
     parser.add_argument("--threads", type=int, default=threads(), help="Threads. Example: --threads 8")
     parser.add_argument("--json", type=Path, help="File for what each agent did. Example: --json driven.json")
     args = parser.parse_args(argv)
-    for name in ("journeys", "threads"):
-        if getattr(args, name) < 1:
-            parser.error(f"--{name}: is {getattr(args, name)}; give 1 or more")
+    for name, least in (("journeys", 1), ("threads", 1), ("after", 0)):
+        if getattr(args, name) < least:
+            parser.error(f"--{name}: is {getattr(args, name)}; give {least} or more")
+    if args.cameras and args.after % _WITH_ONE_CAMERA:
+        parser.error(f"--after: is {args.after}; give a multiple of {_WITH_ONE_CAMERA}, because so many share a camera")
     try:
         check_json_file(args.json)
         models = {str(file): BatchedFile(file, args.threads) for file in args.files}
@@ -84,11 +87,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     if others:
         parser.error("files: are of both tracks; compare those of one")
     towns = held_out_towns(_RUN)
-    journeys = held_out_journeys(_RUN.journeys + args.journeys, towns)[_RUN.journeys :]
+    last = args.after + args.journeys
+    journeys = held_out_journeys(_RUN.journeys + last, towns)[_RUN.journeys + args.after :]
     told: dict[str, dict[str, bool]] = {file: {} for file in models}
     portion = _WITH_ONE_CAMERA if args.cameras else _AT_ONCE
     # A moved horizon instead of a pitched camera: a CPU draws it ten times faster.
-    mounts = mounts_of(-(-len(journeys) // portion), _CAMERAS, level=True) if args.cameras else []
+    mounts = mounts_of(-(-last // portion), _CAMERAS, level=True)[args.after // portion :] if args.cameras else []
     for done in range(0, len(journeys), portion):
         alone = journeys[done : done + portion]
         driven = drive_trials(

@@ -37,6 +37,7 @@ def test_two_demos_do_not_share_a_folder(tmp_path):
         (demo.main, ["--agents", "careful,careful"], "names an agent twice"),
         (demo.main, ["--suite", "nothing@1"], "--suite: 'nothing@1' is not known; there are: disturbed@1, "),
         (held_out.main, ["nothing.onnx", "--journeys", "0"], "--journeys: is 0; give 1 or more"),
+        (held_out.main, ["nothing.onnx", "--cameras", "--after", "3"], "--after: is 3; give a multiple of 5"),
         (held_out.main, [str(WEIGHTS / "lbc.onnx")], "lbc.onnx: has a memory, a rig or another track than camera"),
         (held_out.main, [str(WEIGHTS / f"ppo-{x}.onnx") for x in ("image", "segmentation")], "are of both tracks"),
     ],

@@ -23,6 +23,5 @@ def test_one_thread_is_the_limit_of_many_and_two_carry_twice_as_much() -> None:
 
 
 def test_shared_processors_bound_it_and_a_cost_is_what_each_step_takes() -> None:
-    shared = flow(replace(LOAD, think=0.0, processors=2), 8)
-    assert shared.steps_per_s <= 1.05 * 2 / (0.0005 + 0.001 + 0.0002)
+    assert flow(replace(LOAD, think=0.0, processors=2), 8).steps_per_s <= 1.05 * 2 / (0.0005 + 0.001 + 0.0002)
     assert processor_hours(LOAD, 1)["simulators"] == pytest.approx(12_000 * 0.001 / 3600)
