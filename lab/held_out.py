@@ -67,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="+", type=Path, help="Model files. Example: ppo-image.onnx")
     parser.add_argument("--journeys", type=int, default=200, help="Number of journeys. Example: --journeys 200")
-    parser.add_argument("--after", type=int, default=0, help="Leave out the first. Example: --after 100")
+    parser.add_argument("--after", type=int, default=0, help="Leave out so many first. Example: --after 100")
     parser.add_argument("--cameras", action="store_true", help="Give each five another camera. Example: --cameras")
     parser.add_argument("--device", default="cpu", help="Device of the pictures. Example: --device cuda")
     parser.add_argument("--threads", type=int, default=threads(), help="Threads. Example: --threads 8")
